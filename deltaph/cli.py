@@ -1,0 +1,226 @@
+"""The command line."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from deltaph.errors import DeltaphError, EnvironmentProblem, InfeasibleError, ScenarioError
+from deltaph.files import STDOUT, check_writable, replace, write_text
+
+app = typer.Typer(
+    name="deltaph",
+    help="Pick-and-place of Delta robots on Pythagorean-hodograph corners that keep a prescribed deviation.",
+    epilog="Exit codes: 0 fine, 1 an expectation was missed or the plant tripped, 2 usage, scenario or environment error, 3 infeasible plan.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+ScenarioArgument = Annotated[Path, typer.Argument(metavar="SCENARIO", help="scenario file (TOML); see `deltaph init` and `deltaph schema`")]
+JsonOption = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="write the report as JSON; - is standard output")]
+CsvOption = Annotated[Path | None, typer.Option("--csv", metavar="FILE", help="write a table of all outputs; - is standard output")]
+ConnectOption = Annotated[list[str] | None, typer.Option("--connect", metavar="ENDPOINT", help="Zenoh endpoint to connect to, such as tcp/127.0.0.1:7447")]
+
+
+def _tables(*outputs: Path | None) -> Console:
+    """Where tables go: not to standard output when data goes there."""
+    return Console(stderr=STDOUT in outputs, highlight=False)
+
+
+def _write_json(path: Path | None, facts: dict[str, Any]) -> None:
+    if path is not None:
+        write_text(path, lambda stream: stream.write(json.dumps(facts, indent=2) + "\n"))
+
+
+@app.callback(invoke_without_command=True)
+def _root(show_version: Annotated[bool, typer.Option("--version", help="print the version and exit")] = False) -> None:
+    if show_version:
+        typer.echo(f"deltaph {version('deltaph')}")
+        raise typer.Exit
+
+
+@app.command()
+def init(file: Annotated[Path, typer.Argument(metavar="FILE", help="file to write")] = Path("scenario.toml")) -> None:
+    """Write a commented scenario to start from: the paper's case."""
+    from deltaph.scenario import template
+
+    if file.exists():
+        raise ScenarioError(f"{file} exists: give another name, or remove it first")
+    check_writable(file)
+    write_text(file, lambda stream: stream.write(template()))
+    typer.echo(f"wrote {file}: try `deltaph plan {file}`")
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON Schema of scenario files, for editors."""
+    from deltaph.scenario_file import ScenarioFile
+
+    typer.echo(json.dumps(ScenarioFile.model_json_schema(), indent=2))
+
+
+@app.command()
+def plan(
+    scenario: ScenarioArgument,
+    csv: CsvOption = None,
+    sample_ms: Annotated[float, typer.Option("--sample-ms", metavar="MS", help="time between the rows of --csv")] = 1.0,
+    plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE.png", help="draw path, tcp speed, joint angles, velocities, torques")] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Plan only: report duration, corner deviation, peaks against their limits.
+
+    Example: deltaph plan scenarios/paper.toml --plot paper.png
+    """
+    from deltaph.checks import evaluate_expectations, planned_values
+    from deltaph.outputs import planner_columns, write_csv
+    from deltaph.plan import Plan
+    from deltaph.report import phase_facts, plan_facts, print_checks, print_plan
+    from deltaph.scenario import load_scenario
+
+    if not 0.0 < sample_ms < float("inf"):
+        raise DeltaphError(f"--sample-ms is {sample_ms:g}: give a time above 0 ms")
+    case = load_scenario(scenario)
+    check_writable(csv, plot, json_file)
+    found = Plan.of(case)
+    if plot is not None:
+        from deltaph.plot import draw_plan, image_formats
+
+        if plot.suffix.removeprefix(".") not in image_formats():
+            raise DeltaphError(f"--plot {plot}: the name must end in one of .{', .'.join(image_formats())}")
+        replace(plot, lambda path: draw_plan(found, case.limits, case.title, path))
+    if csv is not None:
+        time = found.grid(sample_ms)
+        write_text(csv, lambda stream: write_csv(stream, {"time": time, **planner_columns(found, time)}))
+    _write_json(json_file, {"scenario": str(scenario), "law": case.law.name, "plan": plan_facts(found), "phases": phase_facts(found)})
+
+    console = _tables(csv, json_file)
+    print_plan(console, case, found)
+    checks = evaluate_expectations(case.expect, planned_values(found))
+    print_checks(console, checks)
+    found.require_within(case.limits)
+    if not all(check.ok for check in checks):
+        raise typer.Exit(1)
+
+
+@app.command()
+def build(
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="where to write")] = Path("dist"),
+    fmi: Annotated[str, typer.Option("--fmi", metavar="2|3|all", help="FMI versions to build")] = "all",
+    platform: Annotated[str, typer.Option("--platform", metavar="NAME", help="platform to build for; host is this machine's")] = "host",
+) -> None:
+    """Build the FMUs and the system descriptions from the C sources in the package.
+
+    Example: deltaph build -o dist && fmpy info dist/DeltaPlanner.fmu
+    """
+    from deltaph.fmu import build as build_fmus
+
+    versions = {"2": (2,), "3": (3,), "all": (2, 3)}.get(fmi)
+    if versions is None:
+        raise DeltaphError(f"--fmi is {fmi!r}: choose 2, 3 or all")
+    for path in build_fmus(output, versions, platform):
+        typer.echo(f"wrote {path}")
+
+
+@app.command()
+def run(
+    scenario: ScenarioArgument,
+    record: Annotated[Path | None, typer.Option("--record", metavar="FILE.rrd", help="write a Rerun recording")] = None,
+    json_file: JsonOption = None,
+    csv: CsvOption = None,
+    realtime: Annotated[bool, typer.Option("--realtime", help="keep the communication points on the clock; without it: as fast as possible")] = False,
+    cycles: Annotated[int | None, typer.Option("--cycles", metavar="N", help="there and back N times; without it: one way", min=1)] = None,
+    telemetry: Annotated[bool, typer.Option("--telemetry/--no-telemetry", help="publish over Zenoh")] = True,
+    connect: ConnectOption = None,
+    listen: Annotated[
+        list[str] | None, typer.Option("--listen", metavar="ENDPOINT", help="Zenoh endpoint to listen on (default tcp/127.0.0.1:7447)")
+    ] = None,
+    wait_subscribers: Annotated[
+        int, typer.Option("--wait-subscribers", metavar="N", help="wait up to 60 s until N Zenoh subscribers are there", min=0)
+    ] = 0,
+) -> None:
+    """The main job: co-simulate planner and plant, publish, record, report, and check the scenario's expectations.
+
+    Example: deltaph run scenarios/paper.toml --record paper.rrd && deltaph view paper.rrd
+    """
+    from deltaph.run import Options, run_scenario
+
+    check_writable(record, json_file, csv)
+    options = Options(
+        record=record,
+        realtime=realtime,
+        cycles=cycles,
+        telemetry=telemetry,
+        connect=tuple(connect or ()),
+        listen=tuple(listen or ()),
+        wait_subscribers=wait_subscribers,
+    )
+    result = run_scenario(scenario, options, _tables(csv, json_file), Console(stderr=True))
+    if csv is not None:
+        from deltaph.outputs import frame_columns, write_csv
+
+        write_text(csv, lambda stream: write_csv(stream, frame_columns(result.frames)))
+    _write_json(json_file, result.facts)
+    if not result.ok:
+        raise typer.Exit(1)
+
+
+@app.command()
+def record(
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE.rrd", help="recording to write")],
+    connect: ConnectOption = None,
+    cell: Annotated[str, typer.Option("--cell", metavar="NAME", help="name of the cell")] = "cell1",
+) -> None:
+    """Record a running cell from another process: waits for it, subscribes over Zenoh, ends when the cell goes or on Ctrl-C.
+
+    Example: deltaph record -o paper.rrd   (then, elsewhere: deltaph run scenarios/paper.toml --realtime --wait-subscribers 1)
+    """
+    from deltaph.record import record_cell
+
+    check_writable(output)
+    record_cell(cell, tuple(connect or ("tcp/127.0.0.1:7447",)), output, Console(stderr=True))
+
+
+@app.command()
+def view(file: Annotated[Path, typer.Argument(metavar="FILE.rrd", help="recording to open")]) -> None:
+    """Open a recording in the Rerun viewer."""
+    if not file.is_file():
+        raise EnvironmentProblem(f"there is no recording {file}: write one with `deltaph run SCENARIO --record {file}`")
+    viewer = shutil.which("rerun", path=str(Path(sys.executable).parent)) or shutil.which("rerun")
+    if viewer is None:
+        raise EnvironmentProblem("the Rerun viewer is missing: install rerun-sdk again")
+    raise typer.Exit(subprocess.run([viewer, str(file), "--bind", "127.0.0.1"], check=False).returncode)
+
+
+UsageError = typer.BadParameter.__bases__[0]  # typer carries its parser inside and exports only this one of its errors
+
+
+def main() -> None:
+    """Entry point: every failure is one line on standard error and an exit code."""
+    try:
+        code = app(standalone_mode=False)
+    except InfeasibleError as error:
+        code = _fail(f"infeasible: {error}", error.exit_code)
+    except DeltaphError as error:
+        code = _fail(f"error: {error}", error.exit_code)
+    except UsageError as error:
+        code = _fail(f"usage: {error.format_message()}", 2)  # type: ignore[attr-defined]
+    except BrokenPipeError:
+        sys.stderr.close()  # the reader of our output has gone, and nobody is left to tell
+        code = 2
+    except (KeyboardInterrupt, typer.Abort):
+        code = _fail("interrupted", 130)
+    sys.exit(code)
+
+
+def _fail(line: str, code: int) -> int:
+    print("deltaph: " + " ".join(line.split()), file=sys.stderr)
+    return code

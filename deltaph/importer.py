@@ -1,0 +1,232 @@
+"""The importer: steps both FMUs on one grid, exchanging in parallel, and yields one frame per communication point.
+
+At t_n it reads all outputs, sets all inputs, then steps every FMU to t_n+1. The plant extrapolates its reference inside the step, so that
+this exchange shows no millisecond of lag as tracking error.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from deltaph.frame import TIMING, Frame
+from deltaph.plan import Plan
+from deltaph.scenario import Scenario, Task
+from deltaph.slave import Slave
+from deltaph.variables import Model, variable_table
+
+_LINKS = (("position", "position_ref"), ("velocity", "velocity_ref"), ("acceleration", "acceleration_ref"), ("torque", "torque_ff"))
+
+CONNECTIONS: tuple[tuple[str, str], ...] = tuple(
+    (f"joint[{i}].{output}", f"joint[{i}].{reference}") for output, reference in _LINKS for i in (1, 2, 3)
+)
+"""Planner output -> plant input."""
+
+
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """One pick-and-place operation of a run.
+
+    Attributes:
+        start_ms: when it begins [ms].
+        plan: what is planned.
+        request_step: communication point at which it is asked for; the first one is asked for by the start values.
+    """
+
+    start_ms: int
+    plan: Plan
+    request_step: int
+
+    @property
+    def end_ms(self) -> int:
+        """When it arrives [ms]."""
+        return self.start_ms + self.plan.duration_ms
+
+
+@dataclass(frozen=True, slots=True)
+class Schedule:
+    """What a run does: operations back to back, then settling.
+
+    Attributes:
+        operations: in order.
+        steps: number of communication steps.
+        communication_step_ms: [ms].
+    """
+
+    operations: tuple[Operation, ...]
+    steps: int
+    communication_step_ms: int
+
+    @property
+    def arrival_step(self) -> int:
+        """The communication point at or after the last arrival."""
+        return -(-self.operations[-1].end_ms // self.communication_step_ms)
+
+
+def schedule(scenario: Scenario, cycles: int | None = None) -> Schedule:
+    """Plan a run: one way, or there and back `cycles` times.
+
+    Raises:
+        InfeasibleError: a task cannot be planned.
+    """
+    there = Plan.of(scenario)
+    plans = [there]
+    if cycles is not None:
+        plans = [there, Plan(scenario.robot, scenario.task.reversed(), scenario.law, scenario.payload)] * cycles
+    step = scenario.communication_step_ms
+    operations: list[Operation] = []
+    begins = [0, *np.cumsum([plan.duration_ms for plan in plans]).tolist()]
+    for k, plan in enumerate(plans):
+        # One request may wait: the next one is asked for as soon as its forerunner has left that place.
+        request = 0 if k == 0 else begins[k - 1] // step + 1
+        operations.append(Operation(begins[k], plan, request))
+    steps = -(-(begins[-1] + round(1000 * scenario.settle)) // step)
+    return Schedule(tuple(operations), steps, step)
+
+
+def task_inputs(task: Task) -> dict[str, float]:
+    """The planner inputs that say a task."""
+    points = {"pick": task.pick, "place": task.place}
+    coordinates = {f"task.{name}.{axis}": value for name, point in points.items() for axis, value in zip("xyz", point, strict=True)}
+    return coordinates | {
+        "task.lift_pick": task.lift[0],
+        "task.lift_place": task.lift[1],
+        "task.corner_deviation_pick": task.corner_deviation[0],
+        "task.corner_deviation_place": task.corner_deviation[1],
+    }
+
+
+def planner_values(scenario: Scenario) -> dict[str, float]:
+    """Parameters and first inputs of the planner."""
+    law = scenario.law
+    return (
+        scenario.robot.parameters
+        | task_inputs(scenario.task)
+        | {
+            "law": variable_table("planner").items("Law").index(law.name),
+            "speed.corner_entry": law.corner_entry_speed,
+            "speed.corner_mid": law.corner_mid_speed,
+            "speed.traverse": law.traverse_speed,
+            "overlap": law.overlap,
+            "payload.mass": scenario.payload,
+        }
+    )
+
+
+def plant_values(scenario: Scenario) -> dict[str, float]:
+    """Parameters and first inputs of the plant."""
+    start = {f"start.{axis}": value for axis, value in zip("xyz", scenario.task.pick, strict=True)}
+    return scenario.robot.parameters | variable_table("plant").gains[scenario.gains] | start | {"payload.mass": scenario.payload}
+
+
+class _Link:
+    """The planner outputs that feed plant inputs, moved as one array."""
+
+    def __init__(self, planner: Slave, plant: Slave) -> None:
+        outputs = [v.name for v in planner.table.of("output") if v.is_float]
+        inputs = [v.name for v in plant.table.of("input") if v.is_float]
+        self._source, self._from = planner.outputs, np.array([outputs.index(name) for name, _ in CONNECTIONS])
+        self._target, self._to = plant.inputs, np.array([inputs.index(name) for _, name in CONNECTIONS])
+
+    def move(self) -> None:
+        self._target[self._to] = self._source[self._from]
+
+
+class _Request:
+    """Posts the tasks that follow the first one when their time comes."""
+
+    def __init__(self, planner: Slave, run: Schedule) -> None:
+        self._planner = planner
+        self._pending = {
+            op.request_step: {**task_inputs(op.plan.task), "task.trigger": number} for number, op in enumerate(run.operations, 1) if number > 1
+        }
+
+    def post(self, step: int) -> None:
+        values = self._pending.pop(step, None)
+        if values is not None:
+            self._planner.set(values)
+
+
+def cosimulate(
+    scenario: Scenario, run: Schedule, fmus: Mapping[Model, Path], *, realtime: bool = False
+) -> Iterator[Frame]:
+    """Co-simulate a scenario; yields frame 0, the initial state, and one frame per step.
+
+    Args:
+        scenario: what to run.
+        run: its schedule.
+        fmus: the FMI 3.0 FMUs.
+        realtime: keep the communication points on the monotonic clock.
+
+    Raises:
+        DeltaphError: an FMU refuses its parameters.
+    """
+    size = run.communication_step_ms / 1000.0
+    with tempfile.TemporaryDirectory(prefix="deltaph-") as directory:
+        with Slave("planner", fmus["planner"], Path(directory)) as planner, Slave("plant", fmus["plant"], Path(directory)) as plant:
+            planner.set(planner_values(scenario))
+            plant.set(plant_values(scenario))
+            link = _Link(planner, plant)
+            requests = _Request(planner, run)
+            planner.initialize(0.0)
+            planner.start()
+            planner.read()
+            plant.initialize(0.0)
+            link.move()
+            plant.inputs[-1] = scenario.payload
+            plant.write()
+            plant.start()
+            plant.read()
+            yield from _loop(planner, plant, link, requests, run.steps, size, realtime)
+
+
+def _loop(planner: Slave, plant: Slave, link: _Link, requests: _Request, steps: int, size: float, realtime: bool) -> Iterator[Frame]:
+    """The step loop. All frames' memory is allocated here, before the first step."""
+    planner_floats = np.empty((steps + 1, len(planner.outputs)))
+    planner_integers = np.empty((steps + 1, len(planner.integers)), dtype=np.int32)
+    plant_floats = np.empty((steps + 1, len(plant.outputs)))
+    plant_integers = np.empty((steps + 1, len(plant.integers)), dtype=np.int32)
+    timing = np.zeros((steps + 1, len(TIMING)))
+    views = [array.view() for array in (planner_floats, planner_integers, plant_floats, plant_integers, timing)]
+    for view in views:
+        view.setflags(write=False)
+
+    clock, missed, publish = time.perf_counter, 0, 0.0
+    begin = clock()
+    planner_step = plant_step = lateness = 0.0
+    for n in range(steps + 1):
+        if n > 0:
+            t = (n - 1) * size
+            requests.post(n - 1)
+            link.move()
+            plant.write()
+            t0 = clock()
+            planner.step(t, size)
+            t1 = clock()
+            plant.step(t, size)
+            t2 = clock()
+            planner_step, plant_step = t1 - t0, t2 - t1
+            planner.read()
+            plant.read()
+            if realtime:
+                deadline = begin + n * size
+                slack = deadline - clock()
+                if slack > 0.0:
+                    time.sleep(slack)
+                else:
+                    missed += 1
+                lateness = clock() - deadline
+        elapsed = clock() - begin
+        planner_floats[n] = planner.outputs
+        planner_integers[n] = planner.integers
+        plant_floats[n] = plant.outputs
+        plant_integers[n] = plant.integers
+        timing[n] = planner_step, plant_step, publish, lateness, missed, n * size / elapsed
+        t3 = clock()
+        yield Frame(n, n * size, time.time_ns(), *(view[n] for view in views))
+        publish = clock() - t3

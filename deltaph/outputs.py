@@ -1,0 +1,63 @@
+"""A plan as the planner FMU emits it, and tables of outputs as CSV."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import IO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltaph.frame import Frame
+from deltaph.plan import Plan
+from deltaph.variables import Model, variable_table
+
+FloatArray = NDArray[np.float64]
+
+
+def planner_columns(plan: Plan, time: FloatArray) -> dict[str, FloatArray]:
+    """Every planner output of a first, accepted plan that starts at 0, by variable name, at times [s] (n,)."""
+    table = variable_table("planner")
+    setpoints = plan.sample(time)
+    status = {
+        "plan.status": table.items("PlanStatus").index("ok"),
+        "plan.required": 0.0,
+        "plan.available": 0.0,
+        "plan.duration": plan.duration,
+        "plan.corner_deviation_pick": plan.corner_deviation[0],
+        "plan.corner_deviation_place": plan.corner_deviation[1],
+        "plan.count": 1,
+        "plan.busy": time < plan.duration,
+        "plan.refused": 0,
+    }
+    columns = {}
+    for variable in table.of("output"):
+        if variable.name in status:
+            columns[variable.name] = np.broadcast_to(np.asarray(status[variable.name], dtype=np.float64), time.shape)
+            continue
+        values = setpoints[variable.group.removeprefix("path_")]
+        columns[variable.name] = (values if variable.index is None else values[:, variable.index]).astype(np.float64)
+    return columns
+
+
+def _integers_last(model: Model) -> list[str]:
+    """Output names as a frame holds them: Float64 first."""
+    outputs = variable_table(model).of("output")
+    return [v.name for v in outputs if v.is_float] + [v.name for v in outputs if not v.is_float]
+
+
+def frame_columns(frames: Sequence[Frame]) -> dict[str, FloatArray]:
+    """Time, planner outputs under their names and plant outputs behind `plant.`, from frames."""
+    columns = {"time": np.array([frame.time for frame in frames])}
+    for model, prefix in (("planner", ""), ("plant", "plant.")):
+        rows = np.stack([np.concatenate((getattr(f, f"{model}_floats"), getattr(f, f"{model}_integers"))) for f in frames])
+        by_name = dict(zip(_integers_last(model), rows.T, strict=True))
+        columns |= {prefix + v.name: by_name[v.name] for v in variable_table(model).of("output")}
+    return columns
+
+
+def write_csv(stream: IO[str], columns: dict[str, FloatArray]) -> None:
+    """Write columns with a header; numbers with as many digits as give the same double back."""
+    stream.write(",".join(columns) + "\n")
+    for row in np.column_stack(list(columns.values())).tolist():
+        stream.write(",".join(f"{value:.17g}" for value in row) + "\n")

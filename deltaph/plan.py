@@ -1,0 +1,212 @@
+"""Plans: the kernel's, immutable, with what people ask of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltaph.errors import InfeasibleError
+from deltaph.kernel import enumeration, ffi, lib
+from deltaph.robot import Robot, raise_refusal
+from deltaph.scenario import Law, Limits, Scenario, Task
+
+FloatArray = NDArray[np.float64]
+
+
+def _setpoint_dtype() -> np.dtype[np.void]:
+    """The layout of the kernel's `dph_setpoint`."""
+    fields: dict[str, tuple[Any, int]] = {}
+    for name, field in ffi.typeof("dph_setpoint").fields:
+        shape = (field.type.length,) if field.type.kind == "array" else ()
+        fields[name] = (np.dtype((np.int32 if field.type.kind == "enum" else np.float64, shape)), field.offset)
+    return np.dtype(
+        {
+            "names": list(fields),
+            "formats": [dtype for dtype, _ in fields.values()],
+            "offsets": [offset for _, offset in fields.values()],
+            "itemsize": ffi.sizeof("dph_setpoint"),
+        }
+    )
+
+
+SETPOINT = _setpoint_dtype()
+"""Structured dtype of the setpoints: joint_position (3) [rad], ... as `dph_setpoint` in the kernel's header."""
+
+
+@dataclass(frozen=True, slots=True)
+class Phase:
+    """One phase of a plan, on the aligned clock.
+
+    Attributes:
+        start: [s].
+        duration: [s].
+        length: arc length; for an overlapping stroke its own [m].
+    """
+
+    name: str
+    start: float
+    duration: float
+    length: float
+
+
+@dataclass(frozen=True, slots=True)
+class Peaks:
+    """Greatest absolute values over continuous time, on the aligned clock, SI."""
+
+    joint_velocity: tuple[float, ...]
+    joint_acceleration: tuple[float, ...]
+    joint_jerk: tuple[float, ...]
+    joint_torque: tuple[float, ...]
+    tcp_speed: float
+    tcp_acceleration: float
+
+
+@dataclass(frozen=True, slots=True)
+class Violation:
+    """A peak beyond its limit.
+
+    Attributes:
+        quantity: such as `joint 1 velocity`.
+        peak: [unit].
+        limit: [unit].
+        unit: of both.
+    """
+
+    quantity: str
+    peak: float
+    limit: float
+    unit: str
+
+
+class Plan:
+    """A planned pick-and-place operation on the aligned clock.
+
+    Raises:
+        InfeasibleError: the kernel refuses the task.
+    """
+
+    def __init__(self, robot: Robot, task: Task, law: Law, payload: float = 0.0) -> None:
+        request = ffi.new(
+            "dph_task *",
+            {
+                "pick": task.pick,
+                "place": task.place,
+                "lift": task.lift,
+                "corner_deviation": task.corner_deviation,
+                "payload": payload,
+                "law": enumeration("dph_law").index(law.name),
+                "corner_entry_speed": law.corner_entry_speed,
+                "corner_mid_speed": law.corner_mid_speed,
+                "traverse_speed": law.traverse_speed,
+                "overlap": law.overlap,
+            },
+        )
+        self._struct = ffi.new("dph_plan *")
+        raise_refusal(lib.dph_plan_make(robot.struct, request, self._struct))
+        self.robot = robot
+        self.task = task
+        self.law = law
+        self.payload = payload
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> Plan:
+        """The plan of a scenario."""
+        return cls(scenario.robot, scenario.task, scenario.law, scenario.payload)
+
+    @property
+    def duration(self) -> float:
+        """Aligned duration [s]."""
+        return float(self._struct.duration)
+
+    @property
+    def duration_ms(self) -> int:
+        """Aligned duration [ms]."""
+        return int(self._struct.duration_ms)
+
+    @property
+    def nominal_duration(self) -> float:
+        """Duration before alignment [s]."""
+        return float(self._struct.nominal_duration)
+
+    @property
+    def speed_factor(self) -> float:
+        """Nominal over aligned duration, at most 1."""
+        return float(self._struct.speed_factor)
+
+    @property
+    def length(self) -> float:
+        """Arc length of the path [m]."""
+        return float(self._struct.length)
+
+    @property
+    def corner_deviation(self) -> tuple[float, float]:
+        """Distance of each corner's vertex from the path, pick side first [m]."""
+        return tuple(self._struct.corner_deviation)
+
+    @property
+    def vertices(self) -> FloatArray:
+        """Vertices of the right angles, pick side first (2, 3) [m]."""
+        points = np.array([self.task.pick, self.task.place])
+        points[:, 2] += self.task.lift
+        return points
+
+    @property
+    def phases(self) -> tuple[Phase, ...]:
+        """The phases; those of the comparison law overlap (paper eq. (31))."""
+        plan = self._struct
+        times = np.array(plan.boundary[0 : plan.pieces + 1]) / self.speed_factor
+        if self.law.name == "comparison":
+            strokes = (("lift", 0, 2, self.task.lift[0]), ("traverse", 1, 4, plan.traverse), ("lower", 3, 5, self.task.lift[1]))
+            return tuple(Phase(n, float(times[a]), float(times[b] - times[a]), length) for n, a, b, length in strokes)
+        names = enumeration("dph_phase")
+        return tuple(
+            Phase(names[plan.phase[i]], float(times[i]), float(times[i + 1] - times[i]), plan.arc_boundary[i + 1] - plan.arc_boundary[i])
+            for i in range(plan.pieces)
+        )
+
+    @cached_property
+    def peaks(self) -> Peaks:
+        """Peaks over continuous time."""
+        peaks = ffi.new("dph_peaks *")
+        lib.dph_plan_peaks(self._struct, peaks)
+        joints = {name: tuple(getattr(peaks, name)) for name in ("joint_velocity", "joint_acceleration", "joint_jerk", "joint_torque")}
+        return Peaks(**joints, tcp_speed=peaks.tcp_speed, tcp_acceleration=peaks.tcp_acceleration)
+
+    def sample(self, time: FloatArray) -> NDArray[np.void]:
+        """Setpoints (n) of dtype SETPOINT at times (n) on the aligned clock [s]."""
+        time = np.ascontiguousarray(time, dtype=np.float64)
+        setpoints = np.empty(time.shape, dtype=SETPOINT)
+        lib.dph_plan_sample_array(
+            self._struct, len(time), ffi.from_buffer("double[]", time), ffi.cast("dph_setpoint *", ffi.from_buffer(setpoints))
+        )
+        return setpoints
+
+    def grid(self, step_ms: float = 1.0) -> FloatArray:
+        """Times from 0 to the end [s], `step_ms` apart; the end is always one of them."""
+        count = math.ceil(self.duration_ms / step_ms - 1e-9)
+        return np.append(np.arange(count) * step_ms, self.duration_ms) / 1000.0
+
+    def violations(self, limits: Limits) -> list[Violation]:
+        """The peaks beyond their limits."""
+        found = []
+        for quantity, unit in (("velocity", "rad/s"), ("acceleration", "rad/s2"), ("jerk", "rad/s3"), ("torque", "N.m")):
+            pairs = zip(getattr(self.peaks, f"joint_{quantity}"), getattr(limits, f"joint_{quantity}"), strict=True)
+            found += [Violation(f"joint {i} {quantity}", peak, limit, unit) for i, (peak, limit) in enumerate(pairs, 1) if peak > limit]
+        if self.peaks.tcp_speed > limits.tcp_speed:
+            found.append(Violation("tcp speed", self.peaks.tcp_speed, limits.tcp_speed, "m/s"))
+        return found
+
+    def require_within(self, limits: Limits) -> None:
+        """Refuse a plan whose peaks go beyond the limits.
+
+        Raises:
+            InfeasibleError: names the first peak beyond its limit.
+        """
+        for v in self.violations(limits):
+            sentence = f"{v.quantity} reaches {v.peak:.5g} {v.unit}, beyond the limit of {v.limit:.5g} {v.unit}: lower the law's speeds"
+            raise InfeasibleError(sentence, status="limit_exceeded", required=v.peak, available=v.limit)

@@ -1,0 +1,155 @@
+"""Reports: the same facts as JSON and as tables for people."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from deltaph.checks import Check, deviation_tolerance
+from deltaph.execution import Execution, Trace, percentiles
+from deltaph.plan import Plan
+from deltaph.scenario import Scenario
+
+_JOINT_ROWS = (("velocity", "rad/s"), ("acceleration", "rad/s2"), ("jerk", "rad/s3"), ("torque", "N m"))
+
+
+def plan_facts(plan: Plan) -> dict[str, Any]:
+    """The `plan` object of both JSON reports."""
+    peaks = plan.peaks
+    return {
+        "duration_s": plan.duration,
+        "nominal_duration_s": plan.nominal_duration,
+        "speed_factor": plan.speed_factor,
+        "path_length_m": plan.length,
+        "corner_deviation_m": list(plan.corner_deviation),
+        "joint_velocity_max_rad_s": list(peaks.joint_velocity),
+        "joint_acceleration_max_rad_s2": list(peaks.joint_acceleration),
+        "joint_jerk_max_rad_s3": list(peaks.joint_jerk),
+        "joint_torque_max_Nm": list(peaks.joint_torque),
+        "tcp_speed_max_m_s": peaks.tcp_speed,
+        "tcp_acceleration_max_m_s2": peaks.tcp_acceleration,
+    }
+
+
+def phase_facts(plan: Plan) -> list[dict[str, Any]]:
+    """The `phases` list of `plan --json`."""
+    return [{"name": p.name, "start_s": p.start, "duration_s": p.duration, "length_m": p.length} for p in plan.phases]
+
+
+def executed_facts(execution: Execution) -> dict[str, Any]:
+    """The `executed` object of `run --json`."""
+    return {
+        "corner_deviation_m": list(execution.corner_deviation),
+        "overshoot_m": execution.overshoot,
+        "tracking_error_joint_max_rad": execution.tracking_error_joint_max,
+        "tracking_error_tcp_max_m": execution.tracking_error_tcp_max,
+        "motor_torque_max_Nm": list(execution.motor_torque_max),
+        "motor_torque_rms_Nm": list(execution.motor_torque_rms),
+        "trip": execution.trip,
+        "trip_time_s": execution.trip_time,
+    }
+
+
+def timing_facts(trace: Trace) -> dict[str, Any]:
+    """The `timing` object of `run --json`; frame 0 is not a step."""
+    steps = trace.timing_of("planner_step")[1:] + trace.timing_of("plant_step")[1:]
+    return {
+        "step_us": percentiles(steps),
+        "lateness_us": percentiles(trace.timing_of("lateness")[1:]),
+        "real_time_factor": float(trace.timing_of("real_time_factor")[-1]),
+        "missed_deadlines": int(trace.timing_of("missed_deadlines")[-1]),
+    }
+
+
+def _limit(value: float) -> str:
+    return "-" if math.isinf(value) else f"{value:.5g}"
+
+
+def _mark(ok: bool) -> str:
+    return "[green]ok[/]" if ok else "[bold red]no[/]"
+
+
+def print_plan(console: Console, scenario: Scenario, plan: Plan) -> None:
+    """The report on a plan."""
+    console.print(f"[bold]{scenario.title}[/]")
+    console.print(
+        f"law {plan.law.name} · {1e3 * plan.duration:g} ms (nominal {1e3 * plan.nominal_duration:.6f} ms, "
+        f"speed factor {plan.speed_factor:.6f}) · path {1e3 * plan.length:.3f} mm"
+    )
+    phases = Table("phase", *(p.name for p in plan.phases), box=None, pad_edge=False)
+    phases.add_row("start [ms]", *(f"{1e3 * p.start:.3f}" for p in plan.phases))
+    phases.add_row("duration [ms]", *(f"{1e3 * p.duration:.3f}" for p in plan.phases))
+    phases.add_row("length [mm]", *(f"{1e3 * p.length:.3f}" for p in plan.phases))
+    console.print(phases)
+
+    corners = Table("corner deviation [mm]", "prescribed", "planned", "kept", box=None, pad_edge=False)
+    for side, prescribed, planned in zip(("pick", "place"), plan.task.corner_deviation, plan.corner_deviation, strict=True):
+        corners.add_row(side, f"{1e3 * prescribed:g}", f"{1e3 * planned:.5f}", _mark(planned <= prescribed * (1 + 1e-12)))
+    console.print(corners)
+
+    peaks = Table("peak", "joint 1", "joint 2", "joint 3", "limit", "", box=None, pad_edge=False)
+    for quantity, unit in _JOINT_ROWS:
+        values: Sequence[float] = getattr(plan.peaks, f"joint_{quantity}")
+        limits: Sequence[float] = getattr(scenario.limits, f"joint_{quantity}")
+        kept = all(value <= limit for value, limit in zip(values, limits, strict=True))
+        bounds = " ".join(dict.fromkeys(_limit(limit) for limit in limits))
+        peaks.add_row(f"joint {quantity} [{unit}]".replace("[", r"\["), *(f"{value:.5g}" for value in values), bounds, _mark(kept))
+    peaks.add_row(r"tcp speed \[m/s]", f"{plan.peaks.tcp_speed:.5g}", "", "", _limit(scenario.limits.tcp_speed), _mark(plan.peaks.tcp_speed <= scenario.limits.tcp_speed))
+    peaks.add_row(r"tcp acceleration \[m/s2]", f"{plan.peaks.tcp_acceleration:.5g}", "", "", "-", "")
+    console.print(peaks)
+
+
+def print_run(console: Console, scenario: Scenario, plan: Plan, execution: Execution, trace: Trace, checks: Sequence[Check]) -> None:
+    """The summary of a run: planned and executed deviation side by side, tracking, load, time, expectations."""
+    console.print(f"[bold]{scenario.title}[/]")
+    console.print(f"law {plan.law.name} · {1e3 * plan.duration:g} ms · {scenario.gains} drive gains · payload {scenario.payload:g} kg")
+
+    tolerance = deviation_tolerance(scenario)
+    corners = Table("corner deviation [mm]".replace("[", r"\["), "prescribed", "planned", "executed", "kept in the machine", box=None, pad_edge=False)
+    for i, side in enumerate(("pick side", "place side")):
+        executed = side_deviations(execution, i)
+        if executed:
+            worst = max(executed)
+            prescribed, planned = plan.task.corner_deviation[i], plan.corner_deviation[i]
+            verdict = _mark(worst <= prescribed + tolerance)
+            corners.add_row(side, f"{1e3 * prescribed:g}", f"{1e3 * planned:.4f}", f"{1e3 * worst:.4f}", verdict + f" (tolerance {1e3 * tolerance:g})")
+    console.print(corners)
+
+    facts = Table.grid(padding=(0, 2))
+    facts.add_row("largest excursion outside the right angles", f"{1e3 * execution.overshoot:.4f} mm")
+    facts.add_row(
+        "tracking error, largest", f"tcp {1e3 * execution.tracking_error_tcp_max:.4f} mm, joint {1e3 * execution.tracking_error_joint_max:.4f} mrad"
+    )
+    facts.add_row("motor torque, largest", "  ".join(f"{value:.2f}" for value in execution.motor_torque_max) + " N m")
+    facts.add_row("motor torque, rms", "  ".join(f"{value:.2f}" for value in execution.motor_torque_rms) + " N m")
+    if execution.trip_time is not None:
+        facts.add_row("[bold red]trip[/]", f"{execution.trip} at {1e3 * execution.trip_time:g} ms")
+    timing = timing_facts(trace)
+    facts.add_row("step of both FMUs", f"median {timing['step_us']['p50']:.0f} us, 99 % {timing['step_us']['p99']:.0f} us")
+    facts.add_row("real-time factor", f"{timing['real_time_factor']:.2f}")
+    console.print(facts)
+
+    print_checks(console, checks)
+
+
+def side_deviations(execution: Execution, side: int) -> list[float]:
+    """Executed deviations [m] at the corner above the pick (0) or the place point (1) of the first operation.
+
+    Operations alternate there and back, so that the way back visits the corners in the other order.
+    """
+    return [d for k, d in enumerate(execution.corner_deviation) if (k % 2) ^ (k // 2 % 2) == side]
+
+
+def print_checks(console: Console, checks: Sequence[Check]) -> None:
+    """The scenario's expectations."""
+    if not checks:
+        return
+    table = Table("expectation", "found", "expected", "", box=None, pad_edge=False)
+    for check in checks:
+        found = f"{check.value:.5g}" if isinstance(check.value, float) else check.value
+        table.add_row(check.name, found, check.limit, _mark(check.ok))
+    console.print(table)

@@ -1,0 +1,186 @@
+"""The form of a scenario file: every key with its unit, unknown keys refused. `deltaph schema` prints it as JSON Schema."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from annotated_types import Ge, Gt, MinLen
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from deltaph.variables import variable_table
+
+Positive = Annotated[float, Gt(0)]
+NonNegative = Annotated[float, Ge(0)]
+Point = tuple[float, float, float]
+PerJoint = Positive | tuple[Positive, Positive, Positive]
+
+_LAWS = variable_table("planner").items("Law")
+_GAINS = tuple(variable_table("plant").gains)
+_STATUS = variable_table("planner").items("PlanStatus")
+
+
+def _one_of(value: str, choices: tuple[str, ...]) -> str:
+    if value not in choices:
+        raise ValueError(f"{value!r} is not one of {', '.join(choices)}")
+    return value
+
+
+class Section(BaseModel):
+    """A table of the file."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+
+class RobotSection(Section):
+    """The robot; what is absent keeps the default robot's value."""
+
+    base_radius_mm: Positive | None = Field(None, description="shoulder axes to the vertical axis of the base")
+    platform_radius_mm: NonNegative | None = Field(None, description="forearm joints to the vertical axis of the platform")
+    upper_arm_mm: Positive | None = Field(None, description="shoulder axis to elbow")
+    forearm_mm: Positive | None = Field(None, description="elbow to platform joint")
+    upper_arm_mass_kg: NonNegative | None = None
+    upper_arm_com_mm: NonNegative | None = Field(None, description="centre of mass of the upper arm from the shoulder axis")
+    upper_arm_inertia_kg_m2: Positive | None = Field(None, description="about the shoulder axis")
+    forearm_mass_kg: NonNegative | None = Field(None, description="the two rods of one forearm together")
+    forearm_inertia_kg_m2: NonNegative | None = Field(None, description="the two rods together, transverse, about their centre")
+    platform_mass_kg: Positive | None = Field(None, description="platform and gripper, without payload")
+    drive_inertia_kg_m2: NonNegative | None = Field(None, description="rotor and gear, reflected to the joint")
+    joint_position_min_deg: float | None = Field(None, description="from horizontal, positive downwards")
+    joint_position_max_deg: float | None = None
+
+
+class TaskSection(Section):
+    """What to do: up, across, down."""
+
+    pick_mm: Point = Field(description="pick point x, y, z in the base frame; z is up, the workspace is below 0")
+    place_mm: Point = Field(description="place point x, y, z in the base frame")
+    lift_mm: Positive | None = Field(None, description="lift height above both points")
+    lift_pick_mm: Positive | None = Field(None, description="lift height above the pick point, where the two differ")
+    lift_place_mm: Positive | None = Field(None, description="lift height above the place point, where the two differ")
+    corner_deviation_mm: Positive | tuple[Positive, Positive] = Field(
+        description="greatest distance of a corner's vertex from the path; one value, or one at the pick and one at the place side"
+    )
+
+    @model_validator(mode="after")
+    def _lifts(self) -> Self:
+        both = (self.lift_pick_mm is not None, self.lift_place_mm is not None)
+        if (self.lift_mm is not None and any(both)) or (self.lift_mm is None and not all(both)):
+            raise ValueError("give either lift_mm or both lift_pick_mm and lift_place_mm")
+        return self
+
+
+class LawSection(Section):
+    """The motion law and its speeds."""
+
+    name: str = Field("paper", description="motion law", json_schema_extra={"enum": list(_LAWS)})
+    corner_entry_speed_m_s: Positive = Field(1.2, description="V_B; comparison: greatest vertical speed")
+    corner_mid_speed_m_s: Positive = Field(0.8, description="V_N; unused by comparison")
+    traverse_speed_m_s: Positive = Field(2.4, description="V_max; comparison: greatest horizontal speed")
+    overlap: float = Field(0.5, ge=0, le=1, description="comparison only: share of a vertical stroke's time that overlaps the horizontal stroke")
+
+    @model_validator(mode="after")
+    def _name(self) -> Self:
+        _one_of(self.name, _LAWS)
+        return self
+
+
+class LimitsSection(Section):
+    """Limits that replace the robot's own; absent means unlimited. One value for all joints, or three."""
+
+    joint_velocity_rad_s: PerJoint | None = None
+    joint_acceleration_rad_s2: PerJoint | None = None
+    joint_jerk_rad_s3: PerJoint | None = None
+    joint_torque_Nm: PerJoint | None = None
+    tcp_speed_m_s: Positive | None = None
+
+
+class PayloadSection(Section):
+    """What the gripper carries."""
+
+    mass_kg: NonNegative = 0.0
+
+
+class DriveSection(Section):
+    """The servo drives."""
+
+    gains: str = Field("tuned", description="named gain set", json_schema_extra={"enum": list(_GAINS)})
+
+    @model_validator(mode="after")
+    def _gains(self) -> Self:
+        _one_of(self.gains, _GAINS)
+        return self
+
+
+class RunSection(Section):
+    """How to run the co-simulation."""
+
+    communication_step_ms: float = Field(1.0, gt=0, description="a whole multiple of 1 ms")
+    settle_ms: NonNegative = Field(50.0, description="co-simulated after arrival")
+    cell: Annotated[str, MinLen(1)] = Field("cell1", pattern=r"^[A-Za-z0-9_.-]+$", description="name of the cell in Zenoh keys")
+
+    @model_validator(mode="after")
+    def _grid(self) -> Self:
+        if self.communication_step_ms != round(self.communication_step_ms):
+            raise ValueError(f"communication_step_ms is {self.communication_step_ms:g}, which is not a whole multiple of 1 ms")
+        return self
+
+
+class Expectation(Section):
+    """A bound on a result: `equals` with a `tolerance`, or `min`, or `max`, or both."""
+
+    equals: float | None = None
+    tolerance: NonNegative = 0.0
+    min: float | None = None
+    max: float | None = None
+
+    @model_validator(mode="after")
+    def _bounds(self) -> Self:
+        if (self.equals is None) == (self.min is None and self.max is None):
+            raise ValueError("give either equals, with a tolerance, or min or max")
+        return self
+
+    @property
+    def low(self) -> float | None:
+        """Least acceptable value."""
+        return self.min if self.equals is None else self.equals - self.tolerance
+
+    @property
+    def high(self) -> float | None:
+        """Greatest acceptable value."""
+        return self.max if self.equals is None else self.equals + self.tolerance
+
+
+class ExpectSection(Section):
+    """What the run must show; of a list of values, each one."""
+
+    duration_ms: Expectation | None = None
+    nominal_duration_ms: Expectation | None = None
+    planned_corner_deviation_mm: Expectation | None = None
+    executed_corner_deviation_mm: Expectation | None = None
+    overshoot_mm: Expectation | None = None
+    tracking_error_tcp_mm: Expectation | None = None
+    tracking_error_joint_mrad: Expectation | None = None
+    motor_torque_max_Nm: Expectation | None = None
+    motor_torque_rms_Nm: Expectation | None = None
+    refused: str | None = Field(None, description="the plan is refused for this reason", json_schema_extra={"enum": list(_STATUS)})
+
+    @model_validator(mode="after")
+    def _refused(self) -> Self:
+        if self.refused is not None:
+            _one_of(self.refused, _STATUS)
+        return self
+
+
+class ScenarioFile(Section):
+    """A deltaph scenario."""
+
+    schema_: Literal[1] = Field(alias="schema", description="version of this form")
+    title: Annotated[str, MinLen(1)]
+    robot: RobotSection = RobotSection()
+    task: TaskSection
+    law: LawSection = LawSection()
+    limits: LimitsSection | None = None
+    payload: PayloadSection = PayloadSection()
+    drive: DriveSection = DriveSection()
+    run: RunSection = RunSection()
+    expect: ExpectSection = ExpectSection()

@@ -1,0 +1,131 @@
+/* Motion law on a corner, phases 2 and 5: paper section 3.2, eqs. (15) to (28).
+ *
+ * The closed form (24) loses digits as V_N approaches V_B and is complex beyond it; the integral (20) that it evaluates is smooth there.
+ * It is taken by quadrature for every V_N > 0, on panels as wide as the distance of the integrand's poles allows. */
+#include "corner_law.h"
+
+#include <math.h>
+
+#include "quadrature.h"
+
+/* Panel ends keep 2^-23 apart: finer is only asked for by V_N below 3e-14 V_B, where a corner takes days. */
+static const double narrowest = 1.0 / 8388608.0;
+
+double dph_corner_speed(const dph_corner_law *law, double gamma)
+{
+    double dip = law->entry_speed - law->mid_speed;
+    if (dip >= 0.0) {
+        /* With w = 2 gamma - 1 eq. (16) is V_N + (V_B - V_N) w^2 (2 - w^2): nothing cancels in the middle, where V_N may be tiny. */
+        double w = 2.0 * gamma - 1.0, w2 = w * w;
+        return law->mid_speed + dip * w2 * (2.0 - w2);
+    }
+    double s = gamma * (1.0 - gamma);
+    return law->entry_speed - 16.0 * dip * s * s;
+}
+
+/* dt / dgamma, the integrand of eq. (20). */
+static double slowness(double gamma, const void *context)
+{
+    const dph_corner_law *law = context;
+    return dph_corner_sigma(&law->corner, gamma) / dph_corner_speed(law, gamma);
+}
+
+/* Panel ends on [0, 1/2], growing by two away from the poles of 1/v, which lie at 1/2 +- i eta/2 for V_N < V_B (eta of eq. (23)), and
+ * about i c away from both ends for V_N > V_B. The width next to a pole is twice its distance. */
+static int half_panels(const dph_corner_law *law, double end[])
+{
+    double dip = law->entry_speed - law->mid_speed, pole = 0.5;
+    if (dip > 0.0)
+        pole = 0.5 * sqrt(law->mid_speed / (dip * (sqrt(law->entry_speed / dip) + 1.0))); /* eta / 2, without its cancellation */
+    else if (dip < 0.0)
+        pole = 0.25 * sqrt(law->entry_speed / -dip);
+
+    double width = 2.0 * pole > narrowest ? 2.0 * pole : narrowest;
+    double distance[DPH_PANELS / 2];
+    int inner = 0;
+    for (double at = width; at < 0.5; at *= 2.0)
+        distance[inner++] = at;
+
+    int n = 0;
+    end[n++] = 0.0;
+    for (int i = 0; i < inner; ++i)
+        end[n++] = dip > 0.0 ? 0.5 - distance[inner - 1 - i] : distance[i];
+    end[n] = 0.5;
+    return n;
+}
+
+void dph_corner_law_make(const dph_corner *corner, double entry_speed, double mid_speed, dph_corner_law *law)
+{
+    law->corner = *corner;
+    law->entry_speed = entry_speed;
+    law->mid_speed = mid_speed;
+
+    int half = half_panels(law, law->gamma);
+    law->panels = 2 * half;
+    for (int i = 0; i < half; ++i)
+        law->gamma[law->panels - i] = 1.0 - law->gamma[i];
+
+    law->time[0] = 0.0;
+    for (int i = 0; i < law->panels; ++i)
+        law->time[i + 1] = law->time[i] + gauss_integral(slowness, law, law->gamma[i], law->gamma[i + 1]);
+    law->duration = law->time[law->panels];
+}
+
+double dph_corner_law_gamma(const dph_corner_law *law, double time)
+{
+    if (!(time > 0.0))
+        return 0.0;
+    if (!(time < law->duration))
+        return 1.0;
+    int low = 0, high = law->panels;
+    while (high - low > 1) {
+        int middle = (low + high) / 2;
+        if (law->time[middle] <= time)
+            low = middle;
+        else
+            high = middle;
+    }
+    double left = law->gamma[low], right = law->gamma[high], width = right - left;
+    double gamma = left + width * (time - law->time[low]) / (law->time[high] - law->time[low]);
+
+    /* Newton's method, eq. (27). t(gamma) is increasing, so that a step which leaves the panel is a step too far. It converges
+     * quadratically: a step below 1e-9 of the panel leaves an error below rounding. */
+    for (int i = 0; i < 20; ++i) {
+        double residual = law->time[low] + gauss_integral(slowness, law, left, gamma) - time;
+        double step = -residual / slowness(gamma, law);
+        double next = gamma + step;
+        if (next < left)
+            next = 0.5 * (left + gamma);
+        else if (next > right)
+            next = 0.5 * (right + gamma);
+        gamma = next;
+        if (fabs(step) < 1e-9 * width)
+            break;
+    }
+    return gamma;
+}
+
+void dph_corner_law_motion(const dph_corner_law *law, double gamma, double motion[4][2], double *length)
+{
+    dph_corner_point point;
+    dph_corner_at(&law->corner, gamma, &point);
+
+    double dip = law->entry_speed - law->mid_speed;
+    double s = gamma * (1.0 - gamma), s1 = 1.0 - 2.0 * gamma;
+    double v = dph_corner_speed(law, gamma), v1 = -32.0 * dip * s * s1, v2 = -32.0 * dip * (s1 * s1 - 2.0 * s);
+
+    /* g = v / sigma = dgamma/dt (eq. (17)) and its derivatives by gamma, from v = g sigma. */
+    double g = v / point.sigma[0];
+    double g1 = (v1 - g * point.sigma[1]) / point.sigma[0];
+    double g2 = (v2 - 2.0 * g1 * point.sigma[1] - g * point.sigma[2]) / point.sigma[0];
+
+    /* Time derivatives of gamma, then of the position by the chain rule. */
+    double d1 = g, d2 = g1 * g, d3 = g2 * g * g + g1 * g1 * g;
+    for (int i = 0; i < 2; ++i) {
+        motion[0][i] = point.p[0][i];
+        motion[1][i] = point.p[1][i] * d1;
+        motion[2][i] = point.p[2][i] * d1 * d1 + point.p[1][i] * d2;
+        motion[3][i] = point.p[3][i] * d1 * d1 * d1 + 3.0 * point.p[2][i] * d1 * d2 + point.p[1][i] * d3;
+    }
+    *length = point.length;
+}

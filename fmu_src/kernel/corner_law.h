@@ -1,0 +1,19 @@
+/* What the corner and its motion law offer to the other files of the kernel only. */
+#ifndef DELTAPH_CORNER_LAW_H
+#define DELTAPH_CORNER_LAW_H
+
+#include "kernel.h"
+
+/* The leg m = k [m] that a deviation [m] needs, eq. (13). */
+double dph_corner_leg(double deviation);
+
+/* Parametric speed sigma = u^2 + v^2 [m], eq. (18). */
+double dph_corner_sigma(const dph_corner *corner, double gamma);
+
+/* Path speed v(gamma) [m/s], eq. (16). */
+double dph_corner_speed(const dph_corner_law *law, double gamma);
+
+/* Position, velocity, acceleration, jerk in the corner's plane, [order][x, y], and arc length from the corner's start [m]. */
+void dph_corner_law_motion(const dph_corner_law *law, double gamma, double motion[4][2], double *length);
+
+#endif

@@ -1,0 +1,75 @@
+/* The three arms in one pose: what kinematics and dynamics share. E_i is the elbow (of a pair of rods: between the two), s_i the forearm
+ * from there to the platform, u_i the horizontal unit vector along arm i, k the vertical; c_i, s_i in formulas are cosine and sine of
+ * theta_i. Loop closure: phi_i = (|s_i|^2 - forearm_length^2) / 2 = 0. */
+#ifndef DELTAPH_DELTA_ARMS_H
+#define DELTAPH_DELTA_ARMS_H
+
+#include <math.h>
+
+#include "kernel.h"
+#include "vector.h"
+
+/* u_i at 0, 120 and 240 degrees. */
+static const double arm_direction[3][2] = {{1.0, 0.0}, {-0.5, 0.86602540378443864676}, {-0.5, -0.86602540378443864676}};
+
+/* One arm: elbow E, its derivatives by theta, forearm vector. */
+typedef struct dph_arm {
+    double elbow[3], elbow_d[3], elbow_dd[3]; /* E, E' = -La (u s + k c), E'' = -La (u c - k s) [m] */
+} dph_arm;
+
+static inline void arm_at(const dph_robot *robot, int i, double theta, dph_arm *arm)
+{
+    const double *u = arm_direction[i];
+    double across = robot->upper_arm_length * cos(theta), down = robot->upper_arm_length * sin(theta);
+    double out = robot->base_radius + across;
+    for (int k = 0; k < 2; ++k) {
+        arm->elbow[k] = out * u[k];
+        arm->elbow_d[k] = -down * u[k];
+        arm->elbow_dd[k] = -across * u[k];
+    }
+    arm->elbow[2] = -down;
+    arm->elbow_d[2] = -across;
+    arm->elbow_dd[2] = down;
+}
+
+/* Forearm vector s = p + r u - E. */
+static inline void forearm_at(const dph_robot *robot, int i, const dph_arm *arm, const double point[3], double s[3])
+{
+    s[0] = point[0] + robot->platform_radius * arm_direction[i][0] - arm->elbow[0];
+    s[1] = point[1] + robot->platform_radius * arm_direction[i][1] - arm->elbow[1];
+    s[2] = point[2] - arm->elbow[2];
+}
+
+/* The lower point at forearm length from the three sphere centres E_i - r u_i: below their circumcentre, on its normal. Returns 0 where
+ * there is none; every comparison is false for a NaN. */
+static inline int platform_below(const dph_robot *robot, const dph_arm arm[3], double point[3])
+{
+    double centre[3][3], a[3], b[3], n[3], na[3], bn[3];
+    for (int i = 0; i < 3; ++i) {
+        centre[i][0] = arm[i].elbow[0] - robot->platform_radius * arm_direction[i][0];
+        centre[i][1] = arm[i].elbow[1] - robot->platform_radius * arm_direction[i][1];
+        centre[i][2] = arm[i].elbow[2];
+    }
+    subtract(centre[1], centre[0], a);
+    subtract(centre[2], centre[0], b);
+    cross(a, b, n);
+    cross(n, a, na);
+    cross(b, n, bn);
+
+    /* Circumcentre from the first centre: (|b|^2 n x a + |a|^2 b x n) / (2 |n|^2). */
+    double n2 = dot(n, n), half = 0.5 / n2;
+    double aa = half * dot(a, a), bb = half * dot(b, b), q[3];
+    for (int k = 0; k < 3; ++k)
+        q[k] = bb * na[k] + aa * bn[k];
+    double height2 = robot->forearm_length * robot->forearm_length - dot(q, q);
+    if (!(height2 >= 0.0))
+        return 0;
+    double drop = copysign(sqrt(height2 / n2), n[2]);
+    if (!(fabs(drop) <= HUGE_VAL / 2.0))
+        return 0;
+    for (int k = 0; k < 3; ++k)
+        point[k] = centre[0][k] + q[k] - drop * n[k];
+    return 1;
+}
+
+#endif

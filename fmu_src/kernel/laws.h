@@ -1,0 +1,31 @@
+/* What a law of motion gives to the plan. */
+#ifndef DELTAPH_LAWS_H
+#define DELTAPH_LAWS_H
+
+#include "kernel.h"
+
+/* Motion in the vertical plane through pick and place, on the nominal clock. Horizontal distances count along the direction from pick to
+ * place; both coordinates are relative to the pick point (side 0) or the place point (side 1), whichever makes the ends exact. */
+typedef struct dph_planar {
+    int side;
+    double d[4][2];    /* [order][horizontal, vertical] */
+    double arc_length; /* from the pick point [m] */
+} dph_planar;
+
+/* Refuse with facts; accept without. */
+dph_verdict dph_refuse(dph_status status, dph_phase phase, int joint, double required, double available);
+dph_verdict dph_accept(void);
+
+/* Fill in pieces, boundaries, lengths and deviations of a plan whose task is finite and positive and whose direction and traverse are
+ * known; or refuse. */
+dph_verdict dph_paper_make(dph_plan *plan);
+dph_verdict dph_superposition_make(dph_plan *plan);
+
+/* The motion at nominal time t within a piece, one-sided at its boundaries. */
+void dph_paper_at(const dph_plan *plan, int piece, double t, dph_planar *motion);
+void dph_superposition_at(const dph_plan *plan, int piece, double t, dph_planar *motion);
+
+/* Setpoint at an aligned time as seen from within one piece. */
+void dph_plan_sample_piece(const dph_plan *plan, int piece, double time, dph_setpoint *setpoint);
+
+#endif

@@ -1,0 +1,124 @@
+/* The paper's law, phases 1 to 6 (section 3.2): lift, quintic PH corner, half of the traverse, and their mirror image in space and time.
+ * Each side has its own lift and corner; both meet at V_max in the middle of the traverse. */
+#include <string.h>
+
+#include "corner_law.h"
+#include "laws.h"
+
+/* Path length s and its time derivatives along a straight line, [order]. */
+typedef double Line[4];
+
+/* Phase 1, eq. (14): from rest to V_B, with T_1 = 2 j / V_B. */
+static void lift_at(const dph_side *side, double t, Line s)
+{
+    double j = side->lift_length, T = side->lift_duration, f = t / T, r = 1.0 - f;
+    s[0] = j * f * f * f * f * (5.0 + f * (2.0 * f - 6.0));
+    s[1] = 2.0 * j / T * f * f * f * (10.0 + f * (6.0 * f - 15.0));
+    s[2] = 60.0 * j / (T * T) * f * f * r * r;
+    s[3] = 120.0 * j / (T * T * T) * f * r * (1.0 - 2.0 * f);
+}
+
+/* Phase 3, eq. (30): from V_B to V_max. */
+static void cruise_at(const dph_side *side, double t, Line s)
+{
+    double T = side->cruise_duration, f = t / T, V = side->corner.entry_speed, rise = side->traverse_speed - V;
+    s[0] = T * f * (V + rise * f * f * (1.0 - 0.5 * f));
+    s[1] = V + rise * f * f * (3.0 - 2.0 * f);
+    s[2] = 6.0 * rise / T * f * (1.0 - f);
+    s[3] = 6.0 * rise / (T * T) * (1.0 - 2.0 * f);
+}
+
+/* One side from rest; phase 0, 1, 2 is lift, corner, cruise; t counts from the phase's start. */
+static void side_at(const dph_side *side, int phase, double t, double d[4][2], double *arc_length)
+{
+    const dph_corner *corner = &side->corner.corner;
+    Line s;
+    memset(d, 0, 4 * sizeof *d);
+    switch (phase) {
+    case 0:
+        lift_at(side, t, s);
+        for (int order = 0; order < 4; ++order)
+            d[order][1] = s[order];
+        *arc_length = s[0];
+        break;
+    case 1:
+        dph_corner_law_motion(&side->corner, dph_corner_law_gamma(&side->corner, t), d, arc_length);
+        d[0][1] += side->lift_length;
+        *arc_length += side->lift_length;
+        break;
+    default:
+        cruise_at(side, t, s);
+        for (int order = 0; order < 4; ++order)
+            d[order][0] = s[order];
+        d[0][0] += corner->leg;
+        d[0][1] = side->lift_length + corner->leg;
+        *arc_length = side->lift_length + corner->length + s[0];
+        break;
+    }
+}
+
+void dph_paper_at(const dph_plan *plan, int piece, double t, dph_planar *motion)
+{
+    if (piece < 3) {
+        motion->side = 0;
+        side_at(&plan->side[0], piece, t - plan->boundary[piece], motion->d, &motion->arc_length);
+        return;
+    }
+    /* The place side, run backwards in time and mirrored: odd time derivatives change sign once, horizontal ones once more. */
+    motion->side = 1;
+    side_at(&plan->side[1], 5 - piece, plan->boundary[piece + 1] - t, motion->d, &motion->arc_length);
+    motion->arc_length = plan->length - motion->arc_length;
+    for (int order = 0; order < 4; ++order)
+        motion->d[order][order % 2 == 0 ? 0 : 1] *= -1.0;
+}
+
+static dph_verdict side_make(const dph_plan *plan, int which, dph_side *side)
+{
+    const dph_task *task = &plan->task;
+    dph_corner corner;
+    dph_corner_from_deviation(task->corner_deviation[which], &corner);
+    if (corner.leg >= task->lift[which])
+        return dph_refuse(DPH_STATUS_LIFT_TOO_LOW, which == 0 ? DPH_PHASE_PICK_CORNER : DPH_PHASE_PLACE_CORNER, 0, corner.deviation,
+                          task->lift[which] * (corner.deviation / corner.leg));
+    dph_corner_law_make(&corner, task->corner_entry_speed, task->corner_mid_speed, &side->corner);
+    side->lift_length = task->lift[which] - corner.leg;
+    side->lift_duration = 2.0 * side->lift_length / task->corner_entry_speed;
+    side->traverse_speed = task->traverse_speed;
+    return dph_accept();
+}
+
+dph_verdict dph_paper_make(dph_plan *plan)
+{
+    static const dph_phase phase[DPH_PIECES] = {DPH_PHASE_LIFT,       DPH_PHASE_PICK_CORNER,  DPH_PHASE_ACCELERATE,
+                                                DPH_PHASE_DECELERATE, DPH_PHASE_PLACE_CORNER, DPH_PHASE_LOWER};
+    for (int which = 0; which < 2; ++which) {
+        dph_verdict verdict = side_make(plan, which, &plan->side[which]);
+        if (verdict.status != DPH_STATUS_OK)
+            return verdict;
+        plan->corner_deviation[which] = plan->task.corner_deviation[which];
+    }
+    double legs = plan->side[0].corner.corner.leg + plan->side[1].corner.corner.leg;
+    if (!(legs <= plan->traverse))
+        return dph_refuse(DPH_STATUS_TRAVERSE_TOO_SHORT, DPH_PHASE_IDLE, 0, legs, plan->traverse);
+
+    plan->pieces = DPH_PIECES;
+    memcpy(plan->phase, phase, sizeof phase);
+    double duration[DPH_PIECES], length[DPH_PIECES];
+    for (int which = 0; which < 2; ++which) {
+        dph_side *side = &plan->side[which];
+        side->cruise_length = 0.5 * (plan->traverse - legs);
+        side->cruise_duration = 2.0 * side->cruise_length / (plan->task.corner_entry_speed + plan->task.traverse_speed);
+        int lift = which == 0 ? 0 : 5, corner = which == 0 ? 1 : 4, cruise = which == 0 ? 2 : 3;
+        duration[lift] = side->lift_duration;
+        length[lift] = side->lift_length;
+        duration[corner] = side->corner.duration;
+        length[corner] = side->corner.corner.length;
+        duration[cruise] = side->cruise_duration;
+        length[cruise] = side->cruise_length;
+    }
+    for (int piece = 0; piece < DPH_PIECES; ++piece) {
+        plan->boundary[piece + 1] = plan->boundary[piece] + duration[piece];
+        plan->arc_boundary[piece + 1] = plan->arc_boundary[piece] + length[piece];
+    }
+    return dph_accept();
+}

@@ -1,0 +1,223 @@
+/* A plan: the task checked, a law of motion, one clock aligned to the 1 ms grid, and what the robot makes of it. */
+#include <math.h>
+#include <string.h>
+
+#include "laws.h"
+
+/* Longest motion [s]; its milliseconds are far inside an int. */
+static const double longest = 3600.0;
+
+/* Heights that differ by less are level: a thousand times the rounding error of metres written as millimetres. */
+static const double level_tolerance = 1e-9;
+
+/* Least dexterity on a path; at the sources' default robot the paper's path keeps above 0.7. */
+static const double least_dexterity = 0.1;
+
+static dph_verdict task_check(const dph_task *task)
+{
+    for (int i = 0; i < 3; ++i) {
+        if (!isfinite(task->pick[i]))
+            return dph_refuse(DPH_STATUS_INVALID_VALUE, DPH_PHASE_IDLE, 0, -INFINITY, task->pick[i]);
+        if (!isfinite(task->place[i]))
+            return dph_refuse(DPH_STATUS_INVALID_VALUE, DPH_PHASE_IDLE, 0, -INFINITY, task->place[i]);
+    }
+    const double positive[] = {task->lift[0],
+                               task->lift[1],
+                               task->corner_deviation[0],
+                               task->corner_deviation[1],
+                               task->corner_entry_speed,
+                               task->corner_mid_speed,
+                               task->traverse_speed};
+    for (size_t i = 0; i < sizeof positive / sizeof *positive; ++i)
+        if (!(positive[i] > 0.0) || !isfinite(positive[i]))
+            return dph_refuse(DPH_STATUS_INVALID_VALUE, DPH_PHASE_IDLE, 0, 0.0, positive[i]);
+    if (!(task->payload >= 0.0) || !isfinite(task->payload))
+        return dph_refuse(DPH_STATUS_INVALID_VALUE, DPH_PHASE_IDLE, 0, 0.0, task->payload);
+    if (!(task->overlap >= 0.0 && task->overlap <= 1.0))
+        return dph_refuse(DPH_STATUS_INVALID_VALUE, DPH_PHASE_IDLE, 0, 0.0, task->overlap);
+
+    double begin = task->pick[2] + task->lift[0], end = task->place[2] + task->lift[1];
+    if (!(fabs(begin - end) <= level_tolerance))
+        return dph_refuse(DPH_STATUS_NOT_LEVEL, DPH_PHASE_TRAVERSE, 0, begin, end);
+    return dph_accept();
+}
+
+/* One speed factor for the whole motion: nothing is floored phase by phase. The tolerance keeps a duration that is a whole number of
+ * milliseconds but for rounding from taking one more. */
+static void align(dph_plan *plan)
+{
+    plan->duration_ms = (int)ceil(1e3 * plan->nominal_duration - 1e-9);
+    plan->duration = plan->duration_ms / 1e3;
+    plan->speed_factor = fmin(plan->nominal_duration / plan->duration, 1.0);
+}
+
+static void planar_at(const dph_plan *plan, int piece, double nominal_time, dph_planar *motion)
+{
+    if (plan->task.law == DPH_LAW_PAPER)
+        dph_paper_at(plan, piece, nominal_time, motion);
+    else
+        dph_superposition_at(plan, piece, nominal_time, motion);
+}
+
+static double distance(const double a[3], const double b[3], double height)
+{
+    double x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2] - height;
+    return sqrt(x * x + y * y + z * z);
+}
+
+/* Distance to the vertex of the nearer corner. */
+static double vertex_distance(const dph_task *task, const double point[3])
+{
+    double pick = distance(point, task->pick, task->lift[0]), place = distance(point, task->place, task->lift[1]);
+    return pick < place ? pick : place;
+}
+
+/* The tcp part of a setpoint. */
+static void tcp_at(const dph_plan *plan, int piece, double time, dph_setpoint *setpoint)
+{
+    double factor = plan->speed_factor, nominal = factor * time;
+    double begin = plan->boundary[piece], end = plan->boundary[piece + 1];
+    dph_planar motion;
+    planar_at(plan, piece, nominal < begin ? begin : nominal > end ? end : nominal, &motion);
+
+    const double *origin = motion.side == 0 ? plan->task.pick : plan->task.place;
+    double *const derivative[4] = {setpoint->tcp_position, setpoint->tcp_velocity, setpoint->tcp_acceleration, setpoint->tcp_jerk};
+    double scale = 1.0;
+    for (int order = 0; order < 4; ++order, scale *= factor) {
+        derivative[order][0] = scale * motion.d[order][0] * plan->direction[0];
+        derivative[order][1] = scale * motion.d[order][0] * plan->direction[1];
+        derivative[order][2] = scale * motion.d[order][1];
+    }
+    for (int i = 0; i < 3; ++i)
+        setpoint->tcp_position[i] += origin[i];
+    setpoint->arc_length = motion.arc_length;
+    setpoint->length = plan->length;
+    setpoint->vertex_distance = vertex_distance(&plan->task, setpoint->tcp_position);
+    setpoint->phase = plan->phase[piece];
+}
+
+/* The joint part of a setpoint from its tcp part. */
+static dph_verdict joints_at(const dph_robot *robot, double payload, dph_setpoint *setpoint)
+{
+    dph_motion motion;
+    dph_verdict verdict = dph_inverse_kinematics(robot, setpoint->tcp_position, motion.theta);
+    if (verdict.status != DPH_STATUS_OK)
+        return verdict;
+    dph_joint_motion(robot, motion.theta, setpoint->tcp_position, setpoint->tcp_velocity, setpoint->tcp_acceleration,
+                     setpoint->tcp_jerk, motion.theta_d, motion.theta_dd, setpoint->joint_jerk);
+    memcpy(motion.point, setpoint->tcp_position, sizeof motion.point);
+    memcpy(motion.point_d, setpoint->tcp_velocity, sizeof motion.point_d);
+    memcpy(motion.point_dd, setpoint->tcp_acceleration, sizeof motion.point_dd);
+    dph_inverse_dynamics(robot, payload, &motion);
+    memcpy(setpoint->joint_position, motion.theta, sizeof motion.theta);
+    memcpy(setpoint->joint_velocity, motion.theta_d, sizeof motion.theta_d);
+    memcpy(setpoint->joint_acceleration, motion.theta_dd, sizeof motion.theta_dd);
+    memcpy(setpoint->joint_torque, motion.torque, sizeof motion.torque);
+    return verdict;
+}
+
+/* Can the robot be there: reach, joint range, dexterity. */
+static dph_verdict pose_check(const dph_robot *robot, const double point[3], dph_phase phase)
+{
+    double theta[3];
+    dph_verdict verdict = dph_inverse_kinematics(robot, point, theta);
+    verdict.phase = phase;
+    if (verdict.status != DPH_STATUS_OK)
+        return verdict;
+    for (int i = 0; i < 3; ++i) {
+        if (theta[i] < robot->joint_position_min)
+            return dph_refuse(DPH_STATUS_JOINT_RANGE, phase, i + 1, theta[i], robot->joint_position_min);
+        if (theta[i] > robot->joint_position_max)
+            return dph_refuse(DPH_STATUS_JOINT_RANGE, phase, i + 1, theta[i], robot->joint_position_max);
+    }
+    double dexterity = dph_dexterity(robot, theta, point);
+    if (!(dexterity >= least_dexterity))
+        return dph_refuse(DPH_STATUS_SINGULAR, phase, 0, least_dexterity, dexterity);
+    return verdict;
+}
+
+/* Points 2.5 mm apart on average and never 10 mm. With a dexterity of at least 0.1 at its ends no such interval can hide a singularity:
+ * 5 mm turn a joint by at most 5 mm / (0.1 * upper arm length), which changes the dexterity by less than it is. */
+static dph_verdict path_check(const dph_plan *plan)
+{
+    static const double spacing = 2.5e-3;
+    for (int piece = 0; piece < plan->pieces; ++piece) {
+        int intervals = 4 + (int)((plan->arc_boundary[piece + 1] - plan->arc_boundary[piece]) / spacing);
+        double begin = plan->boundary[piece], step = (plan->boundary[piece + 1] - begin) / intervals;
+        for (int i = 0; i <= intervals; ++i) {
+            dph_setpoint setpoint;
+            tcp_at(plan, piece, (begin + step * i) / plan->speed_factor, &setpoint);
+            dph_verdict verdict = pose_check(&plan->robot, setpoint.tcp_position, plan->phase[piece]);
+            if (verdict.status != DPH_STATUS_OK)
+                return verdict;
+        }
+    }
+    return dph_accept();
+}
+
+dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_plan *plan)
+{
+    dph_verdict verdict = dph_robot_check(robot);
+    if (verdict.status != DPH_STATUS_OK)
+        return verdict;
+    verdict = task_check(task);
+    if (verdict.status != DPH_STATUS_OK)
+        return verdict;
+
+    memset(plan, 0, sizeof *plan);
+    plan->robot = *robot;
+    plan->task = *task;
+    double x = task->place[0] - task->pick[0], y = task->place[1] - task->pick[1];
+    plan->traverse = hypot(x, y);
+    plan->direction[0] = plan->traverse > 0.0 ? x / plan->traverse : 1.0;
+    plan->direction[1] = plan->traverse > 0.0 ? y / plan->traverse : 0.0;
+
+    verdict = task->law == DPH_LAW_PAPER ? dph_paper_make(plan) : dph_superposition_make(plan);
+    if (verdict.status != DPH_STATUS_OK)
+        return verdict;
+    plan->nominal_duration = plan->boundary[plan->pieces];
+    plan->length = plan->arc_boundary[plan->pieces];
+    if (!(plan->nominal_duration <= longest))
+        return dph_refuse(DPH_STATUS_TOO_SLOW, DPH_PHASE_IDLE, 0, plan->nominal_duration, longest);
+    align(plan);
+    return path_check(plan);
+}
+
+void dph_plan_sample_piece(const dph_plan *plan, int piece, double time, dph_setpoint *setpoint)
+{
+    tcp_at(plan, piece, time, setpoint);
+    (void)joints_at(&plan->robot, plan->task.payload, setpoint); /* cannot fail: path_check */
+}
+
+void dph_plan_sample(const dph_plan *plan, double time, dph_setpoint *setpoint)
+{
+    if (time >= 0.0 && time < plan->duration) {
+        int piece = 0;
+        while (piece + 1 < plan->pieces && plan->speed_factor * time >= plan->boundary[piece + 1])
+            ++piece;
+        dph_plan_sample_piece(plan, piece, time, setpoint);
+        return;
+    }
+    int arrived = time >= plan->duration;
+    (void)dph_rest(&plan->robot, arrived ? plan->task.place : plan->task.pick, plan->task.payload, setpoint);
+    setpoint->arc_length = arrived ? plan->length : 0.0;
+    setpoint->length = plan->length;
+    setpoint->vertex_distance = vertex_distance(&plan->task, setpoint->tcp_position);
+}
+
+void dph_plan_sample_array(const dph_plan *plan, int n, const double *time, dph_setpoint *setpoint)
+{
+    for (int i = 0; i < n; ++i)
+        dph_plan_sample(plan, time[i], &setpoint[i]);
+}
+
+dph_verdict dph_rest(const dph_robot *robot, const double point[3], double payload, dph_setpoint *setpoint)
+{
+    dph_setpoint rest;
+    memset(&rest, 0, sizeof rest);
+    memcpy(rest.tcp_position, point, sizeof rest.tcp_position);
+    dph_verdict verdict = joints_at(robot, payload, &rest);
+    if (verdict.status == DPH_STATUS_OK)
+        *setpoint = rest;
+    return verdict;
+}

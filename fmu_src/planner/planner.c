@@ -1,0 +1,167 @@
+/* DeltaPlanner: takes tasks, plans them with the kernel, plays them on the 1 ms grid, one after the other. */
+#include "planner.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "fmi/model.h"
+#include "robot_variables.h"
+
+/* A pick point this near to where the robot rests is taken to be there; setpoints begin where it rests all the same. */
+static const double at_pick_tolerance = 1e-6;
+
+static dph_task task_from(const Variables *v)
+{
+    dph_task task;
+    memcpy(task.pick, v->task_pick, sizeof task.pick);
+    memcpy(task.place, v->task_place, sizeof task.place);
+    task.lift[0] = v->task_lift_pick;
+    task.lift[1] = v->task_lift_place;
+    task.corner_deviation[0] = v->task_corner_deviation_pick;
+    task.corner_deviation[1] = v->task_corner_deviation_place;
+    task.payload = v->payload_mass;
+    task.law = (dph_law)v->law;
+    task.corner_entry_speed = v->speed_corner_entry;
+    task.corner_mid_speed = v->speed_corner_mid;
+    task.traverse_speed = v->speed_traverse;
+    task.overlap = v->overlap;
+    return task;
+}
+
+static dph_verdict plan_request(Model *m, dph_plan *plan)
+{
+    dph_verdict verdict = {DPH_STATUS_BUSY, DPH_PHASE_IDLE, 0, 0.0, 0.0};
+    if (m->is_waiting)
+        return verdict;
+    dph_task task = task_from(&m->v);
+    double away = sqrt((task.pick[0] - m->rest[0]) * (task.pick[0] - m->rest[0]) +
+                       (task.pick[1] - m->rest[1]) * (task.pick[1] - m->rest[1]) +
+                       (task.pick[2] - m->rest[2]) * (task.pick[2] - m->rest[2]));
+    if (!(away <= at_pick_tolerance)) {
+        verdict.status = DPH_STATUS_NOT_AT_PICK;
+        verdict.required = away;
+        verdict.available = at_pick_tolerance;
+        return verdict;
+    }
+    memcpy(task.pick, m->rest, sizeof task.pick);
+    return dph_plan_make(&m->robot, &task, plan);
+}
+
+static void report(Model *m, const dph_verdict *verdict, const ModelLog *log)
+{
+    char sentence[256], text[320];
+    dph_verdict_text(verdict, sentence, (int)sizeof sentence);
+    if (verdict->status == DPH_STATUS_OK)
+        snprintf(text, sizeof text, "plan %d accepted: %.0f ms", (int)m->v.plan_count, 1e3 * m->v.plan_duration);
+    else
+        snprintf(text, sizeof text, "request refused: %s", sentence);
+    log->write(log->context, verdict->status == DPH_STATUS_OK ? MESSAGE_EVENT : MESSAGE_WARNING, text);
+}
+
+/* A new value of task.trigger asks for a PPO with the inputs of this moment; 0 only re-arms. */
+static void take_request(Model *m, const ModelLog *log)
+{
+    int32_t trigger = m->v.task_trigger, last = m->last_trigger;
+    m->last_trigger = trigger;
+    if (trigger == last || trigger == 0)
+        return;
+
+    dph_plan plan;
+    dph_verdict verdict = plan_request(m, &plan);
+    m->v.plan_status = (int32_t)verdict.status;
+    m->v.plan_required = verdict.required;
+    m->v.plan_available = verdict.available;
+    if (verdict.status == DPH_STATUS_OK) {
+        m->v.plan_count += 1;
+        m->v.plan_duration = plan.duration;
+        m->v.plan_corner_deviation_pick = plan.corner_deviation[0];
+        m->v.plan_corner_deviation_place = plan.corner_deviation[1];
+        memcpy(m->rest, plan.task.place, sizeof m->rest);
+        if (m->is_running) {
+            m->waiting = plan;
+            m->is_waiting = 1;
+        } else {
+            m->running = plan;
+            m->has_run = m->is_running = 1;
+            m->elapsed_ms = 0;
+        }
+    } else {
+        m->v.plan_refused += 1;
+    }
+    report(m, &verdict, log);
+}
+
+static void write_outputs(Model *m)
+{
+    Variables *v = &m->v;
+    dph_setpoint s = m->standby;
+    if (m->has_run)
+        dph_plan_sample(&m->running, m->elapsed_ms / 1e3, &s);
+    memcpy(v->joint_position, s.joint_position, sizeof v->joint_position);
+    memcpy(v->joint_velocity, s.joint_velocity, sizeof v->joint_velocity);
+    memcpy(v->joint_acceleration, s.joint_acceleration, sizeof v->joint_acceleration);
+    memcpy(v->joint_torque, s.joint_torque, sizeof v->joint_torque);
+    memcpy(v->tcp_position, s.tcp_position, sizeof v->tcp_position);
+    memcpy(v->tcp_velocity, s.tcp_velocity, sizeof v->tcp_velocity);
+    memcpy(v->tcp_acceleration, s.tcp_acceleration, sizeof v->tcp_acceleration);
+    v->path_arc_length = s.arc_length;
+    v->path_length = s.length;
+    v->path_vertex_distance = s.vertex_distance;
+    v->path_phase = (int32_t)s.phase;
+    v->plan_busy = m->is_running || m->is_waiting;
+}
+
+/* Rest at the pick point; where that is out of reach the task will be refused, and the arms are level. */
+static void rest_at_pick(Model *m)
+{
+    static const double level[3] = {0.0, 0.0, 0.0};
+    memcpy(m->rest, m->v.task_pick, sizeof m->rest);
+    if (dph_rest(&m->robot, m->rest, m->v.payload_mass, &m->standby).status != DPH_STATUS_OK) {
+        (void)dph_forward_kinematics(&m->robot, level, m->rest);
+        (void)dph_rest(&m->robot, m->rest, m->v.payload_mass, &m->standby);
+    }
+}
+
+int model_initialize(void *model, const ModelLog *log)
+{
+    Model *m = model;
+    m->robot = robot_from(&m->v);
+    m->has_run = m->is_running = m->is_waiting = 0;
+    m->elapsed_ms = 0;
+    m->last_trigger = 0;
+    m->v.plan_status = (int32_t)DPH_STATUS_NONE;
+    m->v.plan_count = m->v.plan_refused = 0;
+    m->v.plan_required = m->v.plan_available = m->v.plan_duration = 0.0;
+    m->v.plan_corner_deviation_pick = m->v.plan_corner_deviation_place = 0.0;
+
+    dph_verdict verdict = dph_robot_check(&m->robot);
+    if (verdict.status != DPH_STATUS_OK) {
+        m->v.plan_status = (int32_t)verdict.status;
+        report(m, &verdict, log);
+        return 0;
+    }
+    rest_at_pick(m);
+    take_request(m, log);
+    write_outputs(m);
+    return 1;
+}
+
+void model_step(void *model, uint32_t n, const ModelLog *log)
+{
+    Model *m = model;
+    take_request(m, log);
+    int64_t elapsed = (int64_t)m->elapsed_ms + (m->is_running ? (int64_t)n : 0);
+    while (m->is_running && elapsed >= m->running.duration_ms) {
+        if (!m->is_waiting) {
+            m->is_running = 0;
+            elapsed = m->running.duration_ms;
+            break;
+        }
+        elapsed -= m->running.duration_ms;
+        m->running = m->waiting;
+        m->is_waiting = 0;
+    }
+    m->elapsed_ms = (int32_t)elapsed;
+    write_outputs(m);
+}

@@ -1,0 +1,20 @@
+/* DeltaPlanner: the model behind the FMU. */
+#ifndef PLANNER_H
+#define PLANNER_H
+
+#include "kernel/kernel.h"
+#include "model_variables.h"
+
+typedef struct {
+    Variables v;
+    dph_robot robot;
+    double rest[3];       /* where the robot rests, or will once all accepted plans have run [m] */
+    dph_setpoint standby; /* at rest, before the first plan */
+    dph_plan running;     /* the last one begun; meaningful once has_run is set */
+    dph_plan waiting;
+    int32_t has_run, is_running, is_waiting;
+    int32_t elapsed_ms;   /* since the running plan began, at most its duration */
+    int32_t last_trigger;
+} Model;
+
+#endif
