@@ -159,7 +159,7 @@ class Plan:
     def phases(self) -> tuple[Phase, ...]:
         """The phases; those of the comparison law overlap (paper eq. (31))."""
         plan = self._struct
-        times = np.array(plan.boundary[0 : plan.pieces + 1]) / self.speed_factor
+        times = np.array(list(plan.boundary)[: plan.pieces + 1]) / self.speed_factor
         if self.law.name == "comparison":
             strokes = (("lift", 0, 2, self.task.lift[0]), ("traverse", 1, 4, plan.traverse), ("lower", 3, 5, self.task.lift[1]))
             return tuple(Phase(n, float(times[a]), float(times[b] - times[a]), length) for n, a, b, length in strokes)

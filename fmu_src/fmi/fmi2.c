@@ -46,22 +46,31 @@ enum {
 
 /* ---- Creation and log --------------------------------------------------------------------------------------------------------- */
 
-static void emit(const Instance *instance, Status status, const char *category, const char *message) {
+static void emit(const Instance *instance, Status status, const char *category, const char *message)
+{
     ((fmi2CallbackLogger)instance->logger)(instance->environment, instance->name, (fmi2Status)status, category, message);
 }
 
-const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
+const char *fmi2GetTypesPlatform(void)
+{
+    return fmi2TypesPlatform;
+}
 
-const char *fmi2GetVersion(void) { return fmi2Version; }
+const char *fmi2GetVersion(void)
+{
+    return fmi2Version;
+}
 
-fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean loggingOn, size_t nCategories, const fmi2String categories[]) {
+fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean loggingOn, size_t nCategories, const fmi2String categories[])
+{
     BEGIN("fmi2SetDebugLogging", MAY_SET_DEBUG_LOGGING)
     CALL(instance_set_logging(self, loggingOn, nCategories, categories));
     END
 }
 
 fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2String fmuGUID, fmi2String fmuResourceLocation,
-                              const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean loggingOn) {
+                              const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean loggingOn)
+{
     static const char function[] = "fmi2Instantiate";
     if (!functions) {
         return NULL; /* and no logger to say it to */
@@ -74,43 +83,52 @@ fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2Str
     return instance_create(function, instanceName, fmuGUID, emit, logger, functions->componentEnvironment, loggingOn);
 }
 
-void fmi2FreeInstance(fmi2Component c) { instance_free(c); }
+void fmi2FreeInstance(fmi2Component c)
+{
+    instance_free(c);
+}
 
 /* ---- Life cycle --------------------------------------------------------------------------------------------------------------- */
 
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean toleranceDefined, fmi2Real tolerance, fmi2Real startTime,
-                               fmi2Boolean stopTimeDefined, fmi2Real stopTime) {
+                               fmi2Boolean stopTimeDefined, fmi2Real stopTime)
+{
     BEGIN("fmi2SetupExperiment", MAY_SETUP_EXPERIMENT)
     CALL(instance_prepare(self, startTime, stopTimeDefined, stopTime));
     END
 }
 
-fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
+fmi2Status fmi2EnterInitializationMode(fmi2Component c)
+{
     BEGIN("fmi2EnterInitializationMode", MAY_ENTER_INITIALIZATION)
     CALL(instance_enter_initialization(self));
     END
 }
 
-fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
+fmi2Status fmi2ExitInitializationMode(fmi2Component c)
+{
     BEGIN("fmi2ExitInitializationMode", MAY_EXIT_INITIALIZATION)
     CALL(instance_exit_initialization(self));
     END
 }
 
-fmi2Status fmi2Terminate(fmi2Component c) {
+fmi2Status fmi2Terminate(fmi2Component c)
+{
     BEGIN("fmi2Terminate", MAY_TERMINATE)
     CALL(instance_terminate(self));
     END
 }
 
-fmi2Status fmi2Reset(fmi2Component c) {
+fmi2Status fmi2Reset(fmi2Component c)
+{
     BEGIN("fmi2Reset", MAY_RESET)
     CALL(instance_reset(self));
     END
 }
 
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real currentCommunicationPoint, fmi2Real communicationStepSize,
-                      fmi2Boolean noSetFMUStatePriorToCurrentPoint) {
+                      fmi2Boolean noSetFMUStatePriorToCurrentPoint)
+{
     BEGIN("fmi2DoStep", MAY_DO_STEP)
     CALL(instance_do_step(self, currentCommunicationPoint, communicationStepSize));
     END
@@ -144,13 +162,15 @@ ACCESS(Integer, TAKES_INT32 | TAKES_ENUMERATION)
 ACCESS(Boolean, TAKES_BOOLEAN)
 
 /* No variable is a string: legal is only to ask for nothing. */
-fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2String value[]) {
+fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2String value[])
+{
     BEGIN("fmi2GetString", MAY_GET)
     CALL(instance_check_get(self, TAKES_NONE, vr, nvr, value));
     END
 }
 
-fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2String value[]) {
+fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2String value[])
+{
     BEGIN("fmi2SetString", MAY_SET)
     CALL(instance_check_set(self, TAKES_NONE, vr, nvr, value));
     END
@@ -158,37 +178,43 @@ fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t 
 
 /* ---- FMU state ---------------------------------------------------------------------------------------------------------------- */
 
-fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *FMUstate) {
+fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *FMUstate)
+{
     BEGIN("fmi2GetFMUstate", MAY_FMU_STATE)
     CALL(instance_get_state(self, FMUstate));
     END
 }
 
-fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate FMUstate) {
+fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate FMUstate)
+{
     BEGIN("fmi2SetFMUstate", MAY_FMU_STATE)
     CALL(instance_set_state(self, FMUstate));
     END
 }
 
-fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *FMUstate) {
+fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *FMUstate)
+{
     BEGIN("fmi2FreeFMUstate", MAY_FMU_STATE)
     CALL(instance_free_state(self, FMUstate));
     END
 }
 
-fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate FMUstate, size_t *size) {
+fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate FMUstate, size_t *size)
+{
     BEGIN("fmi2SerializedFMUstateSize", MAY_FMU_STATE)
     CALL(instance_state_size(self, FMUstate, size));
     END
 }
 
-fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate FMUstate, fmi2Byte serializedState[], size_t size) {
+fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate FMUstate, fmi2Byte serializedState[], size_t size)
+{
     BEGIN("fmi2SerializeFMUstate", MAY_FMU_STATE)
     CALL(instance_serialize(self, FMUstate, serializedState, size));
     END
 }
 
-fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte serializedState[], size_t size, fmi2FMUstate *FMUstate) {
+fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte serializedState[], size_t size, fmi2FMUstate *FMUstate)
+{
     BEGIN("fmi2DeSerializeFMUstate", MAY_FMU_STATE)
     CALL(instance_deserialize(self, serializedState, size, FMUstate));
     END
@@ -198,13 +224,15 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte serializedSta
 
 static const char NEVER_PENDING[] = "expected a status that a synchronous model has but was another";
 
-fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind s, fmi2Status *value) {
+fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind s, fmi2Status *value)
+{
     BEGIN("fmi2GetStatus", MAY_GET_STATUS)
     CALL(instance_log(self, STATUS_DISCARD, "%s", NEVER_PENDING));
     END
 }
 
-fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind s, fmi2Real *value) {
+fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind s, fmi2Real *value)
+{
     BEGIN("fmi2GetRealStatus", MAY_GET_STATUS)
     CALL(instance_expect_pointer(self, value, "value"));
     CALL(s == fmi2LastSuccessfulTime ? STATUS_OK : instance_log(self, STATUS_DISCARD, "%s", NEVER_PENDING));
@@ -212,13 +240,15 @@ fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind s, fmi2Real *
     END
 }
 
-fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind s, fmi2Integer *value) {
+fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind s, fmi2Integer *value)
+{
     BEGIN("fmi2GetIntegerStatus", MAY_GET_STATUS)
     CALL(instance_log(self, STATUS_DISCARD, "%s", NEVER_PENDING));
     END
 }
 
-fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind s, fmi2Boolean *value) {
+fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind s, fmi2Boolean *value)
+{
     BEGIN("fmi2GetBooleanStatus", MAY_GET_STATUS)
     CALL(instance_expect_pointer(self, value, "value"));
     CALL(s == fmi2Terminated ? STATUS_OK : instance_log(self, STATUS_DISCARD, "%s", NEVER_PENDING));
@@ -226,7 +256,8 @@ fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind s, fmi2Boo
     END
 }
 
-fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind s, fmi2String *value) {
+fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind s, fmi2String *value)
+{
     BEGIN("fmi2GetStringStatus", MAY_GET_STATUS)
     CALL(instance_log(self, STATUS_DISCARD, "%s", NEVER_PENDING));
     END

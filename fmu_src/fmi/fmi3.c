@@ -43,13 +43,18 @@ enum {
 
 /* ---- Creation and log --------------------------------------------------------------------------------------------------------- */
 
-static void emit(const Instance *instance, Status status, const char *category, const char *message) {
+static void emit(const Instance *instance, Status status, const char *category, const char *message)
+{
     ((fmi3LogMessageCallback)instance->logger)(instance->environment, (fmi3Status)status, category, message);
 }
 
-const char *fmi3GetVersion(void) { return fmi3Version; }
+const char *fmi3GetVersion(void)
+{
+    return fmi3Version;
+}
 
-fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean loggingOn, size_t nCategories, const fmi3String categories[]) {
+fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean loggingOn, size_t nCategories, const fmi3String categories[])
+{
     BEGIN("fmi3SetDebugLogging", MAY_SET_DEBUG_LOGGING)
     CALL(instance_set_logging(self, loggingOn, nCategories, categories));
     END
@@ -59,7 +64,8 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String ins
                                          fmi3Boolean visible, fmi3Boolean loggingOn, fmi3Boolean eventModeUsed,
                                          fmi3Boolean earlyReturnAllowed, const fmi3ValueReference requiredIntermediateVariables[],
                                          size_t nRequiredIntermediateVariables, fmi3InstanceEnvironment instanceEnvironment,
-                                         fmi3LogMessageCallback logMessage, fmi3IntermediateUpdateCallback intermediateUpdate) {
+                                         fmi3LogMessageCallback logMessage, fmi3IntermediateUpdateCallback intermediateUpdate)
+{
     static const char function[] = "fmi3InstantiateCoSimulation";
     void (*const logger)(void) = (void (*)(void))logMessage;
     if (eventModeUsed) {
@@ -79,7 +85,8 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String ins
 
 fmi3Instance fmi3InstantiateModelExchange(fmi3String instanceName, fmi3String instantiationToken, fmi3String resourcePath,
                                           fmi3Boolean visible, fmi3Boolean loggingOn, fmi3InstanceEnvironment instanceEnvironment,
-                                          fmi3LogMessageCallback logMessage) {
+                                          fmi3LogMessageCallback logMessage)
+{
     return instance_refuse("fmi3InstantiateModelExchange", instanceName, emit, (void (*)(void))logMessage, instanceEnvironment,
                            "expected Co-Simulation but was Model Exchange");
 }
@@ -88,36 +95,44 @@ fmi3Instance fmi3InstantiateScheduledExecution(fmi3String instanceName, fmi3Stri
                                                fmi3Boolean visible, fmi3Boolean loggingOn,
                                                fmi3InstanceEnvironment instanceEnvironment, fmi3LogMessageCallback logMessage,
                                                fmi3ClockUpdateCallback clockUpdate, fmi3LockPreemptionCallback lockPreemption,
-                                               fmi3UnlockPreemptionCallback unlockPreemption) {
+                                               fmi3UnlockPreemptionCallback unlockPreemption)
+{
     return instance_refuse("fmi3InstantiateScheduledExecution", instanceName, emit, (void (*)(void))logMessage, instanceEnvironment,
                            "expected Co-Simulation but was Scheduled Execution");
 }
 
-void fmi3FreeInstance(fmi3Instance instance) { instance_free(instance); }
+void fmi3FreeInstance(fmi3Instance instance)
+{
+    instance_free(instance);
+}
 
 /* ---- Life cycle --------------------------------------------------------------------------------------------------------------- */
 
 fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean toleranceDefined, fmi3Float64 tolerance,
-                                       fmi3Float64 startTime, fmi3Boolean stopTimeDefined, fmi3Float64 stopTime) {
+                                       fmi3Float64 startTime, fmi3Boolean stopTimeDefined, fmi3Float64 stopTime)
+{
     BEGIN("fmi3EnterInitializationMode", MAY_ENTER_INITIALIZATION)
     CALL(instance_prepare(self, startTime, stopTimeDefined, stopTime));
     CALL(instance_enter_initialization(self));
     END
 }
 
-fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) {
+fmi3Status fmi3ExitInitializationMode(fmi3Instance instance)
+{
     BEGIN("fmi3ExitInitializationMode", MAY_EXIT_INITIALIZATION)
     CALL(instance_exit_initialization(self));
     END
 }
 
-fmi3Status fmi3Terminate(fmi3Instance instance) {
+fmi3Status fmi3Terminate(fmi3Instance instance)
+{
     BEGIN("fmi3Terminate", MAY_TERMINATE)
     CALL(instance_terminate(self));
     END
 }
 
-fmi3Status fmi3Reset(fmi3Instance instance) {
+fmi3Status fmi3Reset(fmi3Instance instance)
+{
     BEGIN("fmi3Reset", MAY_RESET)
     CALL(instance_reset(self));
     END
@@ -125,7 +140,8 @@ fmi3Status fmi3Reset(fmi3Instance instance) {
 
 fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoint, fmi3Float64 communicationStepSize,
                       fmi3Boolean noSetFMUStatePriorToCurrentPoint, fmi3Boolean *eventHandlingNeeded,
-                      fmi3Boolean *terminateSimulation, fmi3Boolean *earlyReturn, fmi3Float64 *lastSuccessfulTime) {
+                      fmi3Boolean *terminateSimulation, fmi3Boolean *earlyReturn, fmi3Float64 *lastSuccessfulTime)
+{
     BEGIN("fmi3DoStep", MAY_DO_STEP)
     CALL(instance_expect_pointer(self, eventHandlingNeeded, "eventHandlingNeeded"));
     CALL(instance_expect_pointer(self, terminateSimulation, "terminateSimulation"));
@@ -141,7 +157,8 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoi
 /* ---- Variables ---------------------------------------------------------------------------------------------------------------- */
 
 /* All variables are scalars. */
-static Status expect_count(const Instance *instance, size_t n_references, size_t n_values) {
+static Status expect_count(const Instance *instance, size_t n_references, size_t n_values)
+{
     return n_values == n_references ? STATUS_OK
                                     : instance_log(instance, STATUS_ERROR, "expected nValues %lu but was %lu",
                                                    (unsigned long)n_references, (unsigned long)n_values);
@@ -202,37 +219,43 @@ NO_ACCESS(SetClock, MAY_SET, (REFERENCES, const fmi3Clock values[]))
 
 /* ---- FMU state ---------------------------------------------------------------------------------------------------------------- */
 
-fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *FMUState) {
+fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *FMUState)
+{
     BEGIN("fmi3GetFMUState", MAY_FMU_STATE)
     CALL(instance_get_state(self, FMUState));
     END
 }
 
-fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState FMUState) {
+fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState FMUState)
+{
     BEGIN("fmi3SetFMUState", MAY_FMU_STATE)
     CALL(instance_set_state(self, FMUState));
     END
 }
 
-fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *FMUState) {
+fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *FMUState)
+{
     BEGIN("fmi3FreeFMUState", MAY_FMU_STATE)
     CALL(instance_free_state(self, FMUState));
     END
 }
 
-fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState FMUState, size_t *size) {
+fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState FMUState, size_t *size)
+{
     BEGIN("fmi3SerializedFMUStateSize", MAY_FMU_STATE)
     CALL(instance_state_size(self, FMUState, size));
     END
 }
 
-fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState FMUState, fmi3Byte serializedState[], size_t size) {
+fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState FMUState, fmi3Byte serializedState[], size_t size)
+{
     BEGIN("fmi3SerializeFMUState", MAY_FMU_STATE)
     CALL(instance_serialize(self, FMUState, serializedState, size));
     END
 }
 
-fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte serializedState[], size_t size, fmi3FMUState *FMUState) {
+fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte serializedState[], size_t size, fmi3FMUState *FMUState)
+{
     BEGIN("fmi3DeserializeFMUState", MAY_FMU_STATE)
     CALL(instance_deserialize(self, serializedState, size, FMUState));
     END

@@ -18,7 +18,8 @@ enum { MESSAGE_SIZE = 512 };
 static const char *const category_name[] = {"logEvents", "logStatusWarning", "logStatusDiscard", "logStatusError"};
 enum { CATEGORIES = sizeof category_name / sizeof *category_name, ALL_CATEGORIES = (1 << CATEGORIES) - 1 };
 
-Status instance_log(const Instance *instance, Status status, const char *format, ...) {
+Status instance_log(const Instance *instance, Status status, const char *format, ...)
+{
     if (!instance->logger || (status != STATUS_ERROR && !(instance->logged & 1u << status))) {
         return status;
     }
@@ -41,12 +42,14 @@ Status instance_log(const Instance *instance, Status status, const char *format,
 }
 
 /* What the model says, for the importer's log. */
-static void relay(void *context, MessageKind kind, const char *text) {
+static void relay(void *context, MessageKind kind, const char *text)
+{
     static const Status status[] = {[MESSAGE_EVENT] = STATUS_OK, [MESSAGE_WARNING] = STATUS_WARNING, [MESSAGE_ERROR] = STATUS_ERROR};
     instance_log(context, status[kind], "%s", text);
 }
 
-Status instance_set_logging(Instance *instance, int on, size_t n, const char *const categories[]) {
+Status instance_set_logging(Instance *instance, int on, size_t n, const char *const categories[])
+{
     unsigned chosen = n ? 0 : ALL_CATEGORIES;
     if (n && !categories) {
         return instance_expect_pointer(instance, categories, "categories");
@@ -68,21 +71,24 @@ Status instance_set_logging(Instance *instance, int on, size_t n, const char *co
     return STATUS_OK;
 }
 
-Status instance_expect_pointer(const Instance *instance, const void *pointer, const char *name) {
+Status instance_expect_pointer(const Instance *instance, const void *pointer, const char *name)
+{
     return pointer ? STATUS_OK : instance_log(instance, STATUS_ERROR, "expected a pointer as argument %s but was NULL", name);
 }
 
 /* ---- Creation ----------------------------------------------------------------------------------------------------------------- */
 
 Instance *instance_refuse(const char *function, const char *name, Emit *emit, void (*logger)(void), void *environment,
-                          const char *reason) {
+                          const char *reason)
+{
     const Instance nobody = {.name = name ? name : "", .emit = emit, .logger = logger, .environment = environment, .function = function};
     instance_log(&nobody, STATUS_ERROR, "%s", reason);
     return NULL;
 }
 
 Instance *instance_create(const char *function, const char *name, const char *token, Emit *emit, void (*logger)(void),
-                          void *environment, int logging_on) {
+                          void *environment, int logging_on)
+{
     char reason[MESSAGE_SIZE];
     if (!name || name[strspn(name, " \t\n\r\f\v")] == '\0') {
         return instance_refuse(function, name, emit, logger, environment, "expected an instance name but was empty");
@@ -110,7 +116,8 @@ Instance *instance_create(const char *function, const char *name, const char *to
     return self;
 }
 
-void instance_free(Instance *instance) {
+void instance_free(Instance *instance)
+{
     if (instance) {
         free(instance->now);
         free(instance);
@@ -120,7 +127,8 @@ void instance_free(Instance *instance) {
 /* ---- Calls -------------------------------------------------------------------------------------------------------------------- */
 
 /* Write the names of a set of states: "a or b". */
-static void write_states(unsigned states, char *text, size_t size) {
+static void write_states(unsigned states, char *text, size_t size)
+{
     static const char *const name[] = {"instantiated", "initialization mode", "step mode", "terminated"};
     size_t used = 0;
     text[0] = '\0';
@@ -131,7 +139,8 @@ static void write_states(unsigned states, char *text, size_t size) {
     }
 }
 
-Status instance_begin(Instance *instance, const char *function, unsigned states) {
+Status instance_begin(Instance *instance, const char *function, unsigned states)
+{
     instance->function = function;
     const unsigned state = (unsigned)instance->now->state;
     if (state & states) {
@@ -143,7 +152,8 @@ Status instance_begin(Instance *instance, const char *function, unsigned states)
     return instance_log(instance, STATUS_ERROR, "expected state %s but was %s", expected, actual);
 }
 
-Status instance_end(Instance *instance, Status status) {
+Status instance_end(Instance *instance, Status status)
+{
     if (status == STATUS_ERROR) {
         instance->now->state = TERMINATED;
     }
@@ -152,7 +162,8 @@ Status instance_end(Instance *instance, Status status) {
 
 /* ---- Life cycle --------------------------------------------------------------------------------------------------------------- */
 
-Status instance_prepare(Instance *instance, double start_time, int stop_time_defined, double stop_time) {
+Status instance_prepare(Instance *instance, double start_time, int stop_time_defined, double stop_time)
+{
     if (!isfinite(start_time)) {
         return instance_log(instance, STATUS_ERROR, "expected a finite start time but was %g", start_time);
     }
@@ -165,7 +176,8 @@ Status instance_prepare(Instance *instance, double start_time, int stop_time_def
     return STATUS_OK;
 }
 
-Status instance_enter_initialization(Instance *instance) {
+Status instance_enter_initialization(Instance *instance)
+{
     if (!instance->now->prepared) {
         return instance_log(instance, STATUS_ERROR, "expected a start time before initialization but was none");
     }
@@ -174,7 +186,8 @@ Status instance_enter_initialization(Instance *instance) {
     return STATUS_OK;
 }
 
-Status instance_exit_initialization(Instance *instance) {
+Status instance_exit_initialization(Instance *instance)
+{
     const ModelLog log = {relay, instance};
     if (!model_initialize(instance->now->model, &log)) {
         return instance_log(instance, STATUS_ERROR, "expected parameters the model can be initialized with but were others");
@@ -184,12 +197,14 @@ Status instance_exit_initialization(Instance *instance) {
     return STATUS_OK;
 }
 
-Status instance_terminate(Instance *instance) {
+Status instance_terminate(Instance *instance)
+{
     instance->now->state = TERMINATED;
     return STATUS_OK;
 }
 
-Status instance_reset(Instance *instance) {
+Status instance_reset(Instance *instance)
+{
     snapshot_start(instance->now);
     return STATUS_OK;
 }
@@ -197,11 +212,18 @@ Status instance_reset(Instance *instance) {
 /* ---- Steps -------------------------------------------------------------------------------------------------------------------- */
 
 /* The time that many steps after the start [s]. */
-static double time_after(const Snapshot *now, uint64_t steps) { return now->start_time + (double)steps * MODEL_STEP; }
+static double time_after(const Snapshot *now, uint64_t steps)
+{
+    return now->start_time + (double)steps * MODEL_STEP;
+}
 
-double instance_time(const Instance *instance) { return time_after(instance->now, instance->now->steps); }
+double instance_time(const Instance *instance)
+{
+    return time_after(instance->now, instance->now->steps);
+}
 
-Status instance_do_step(Instance *instance, double point, double step) {
+Status instance_do_step(Instance *instance, double point, double step)
+{
     Snapshot *const now = instance->now;
     const double time = instance_time(instance);
     /* Importers that add up their steps drift by 3e-10 of the time in a day of milliseconds (found by adding them up). A quarter of

@@ -9,7 +9,8 @@ static const uint32_t SNAPSHOT_MAGIC = 0x53687064u;
 static const uint32_t SNAPSHOT_VERSION = 1;
 
 /* FNV-1a, 64 bits (Fowler, Noll, Vo). */
-static uint64_t hash(const void *bytes, size_t size) {
+static uint64_t hash(const void *bytes, size_t size)
+{
     const unsigned char *const byte = bytes;
     uint64_t h = 0xcbf29ce484222325u;
     for (size_t k = 0; k < size; k++) {
@@ -18,17 +19,25 @@ static uint64_t hash(const void *bytes, size_t size) {
     return h;
 }
 
-static uint64_t build_hash(void) { return hash(model_info.token, strlen(model_info.token)); }
+static uint64_t build_hash(void)
+{
+    return hash(model_info.token, strlen(model_info.token));
+}
 
 /* Checksum of everything behind the member `checksum`. */
-static uint64_t content_hash(const Snapshot *snapshot) {
+static uint64_t content_hash(const Snapshot *snapshot)
+{
     const size_t begin = offsetof(Snapshot, checksum) + sizeof snapshot->checksum;
     return hash((const unsigned char *)snapshot + begin, snapshot_size() - begin);
 }
 
-size_t snapshot_size(void) { return sizeof(Snapshot) + model_info.size; }
+size_t snapshot_size(void)
+{
+    return sizeof(Snapshot) + model_info.size;
+}
 
-void snapshot_start(Snapshot *snapshot) {
+void snapshot_start(Snapshot *snapshot)
+{
     memset(snapshot, 0, snapshot_size());
     snapshot->magic = SNAPSHOT_MAGIC;
     snapshot->version = SNAPSHOT_VERSION;
@@ -47,7 +56,8 @@ void snapshot_start(Snapshot *snapshot) {
 }
 
 /* Is this a snapshot of this build of this model? */
-static Status check(const Instance *instance, const Snapshot *snapshot) {
+static Status check(const Instance *instance, const Snapshot *snapshot)
+{
     if (snapshot->magic != SNAPSHOT_MAGIC || snapshot->version != SNAPSHOT_VERSION) {
         return instance_log(instance, STATUS_ERROR, "expected an FMU state of format %08lx version %lu but was %08lx version %lu",
                             (unsigned long)SNAPSHOT_MAGIC, (unsigned long)SNAPSHOT_VERSION, (unsigned long)snapshot->magic,
@@ -61,13 +71,15 @@ static Status check(const Instance *instance, const Snapshot *snapshot) {
 }
 
 /* The same, of a pointer the importer hands in. */
-static Status check_pointer(const Instance *instance, const void *state) {
+static Status check_pointer(const Instance *instance, const void *state)
+{
     const Status status = instance_expect_pointer(instance, state, "FMUState");
     return status == STATUS_OK ? check(instance, state) : status;
 }
 
 /* Memory for a copy of a snapshot, or NULL, having logged it. */
-static Snapshot *new_snapshot(const Instance *instance) {
+static Snapshot *new_snapshot(const Instance *instance)
+{
     Snapshot *const snapshot = calloc(1, snapshot_size());
     if (!snapshot) {
         instance_log(instance, STATUS_ERROR, "expected memory for an FMU state but was out of it");
@@ -75,7 +87,8 @@ static Snapshot *new_snapshot(const Instance *instance) {
     return snapshot;
 }
 
-Status instance_get_state(const Instance *instance, void **state) {
+Status instance_get_state(const Instance *instance, void **state)
+{
     Status status = instance_expect_pointer(instance, state, "FMUState");
     if (status != STATUS_OK) {
         return status;
@@ -92,7 +105,8 @@ Status instance_get_state(const Instance *instance, void **state) {
     return STATUS_OK;
 }
 
-Status instance_set_state(Instance *instance, const void *state) {
+Status instance_set_state(Instance *instance, const void *state)
+{
     const Status status = check_pointer(instance, state);
     if (status == STATUS_OK) {
         memcpy(instance->now, state, snapshot_size());
@@ -100,7 +114,8 @@ Status instance_set_state(Instance *instance, const void *state) {
     return status;
 }
 
-Status instance_free_state(const Instance *instance, void **state) {
+Status instance_free_state(const Instance *instance, void **state)
+{
     if (!state || !*state) {
         return STATUS_OK; /* both standards: ignored */
     }
@@ -112,7 +127,8 @@ Status instance_free_state(const Instance *instance, void **state) {
     return status;
 }
 
-Status instance_state_size(const Instance *instance, const void *state, size_t *size) {
+Status instance_state_size(const Instance *instance, const void *state, size_t *size)
+{
     Status status = check_pointer(instance, state);
     if (status == STATUS_OK) {
         status = instance_expect_pointer(instance, size, "size");
@@ -123,7 +139,8 @@ Status instance_state_size(const Instance *instance, const void *state, size_t *
     return status;
 }
 
-static Status check_bytes(const Instance *instance, const void *bytes, size_t size) {
+static Status check_bytes(const Instance *instance, const void *bytes, size_t size)
+{
     if (size != snapshot_size()) {
         return instance_log(instance, STATUS_ERROR, "expected a serialized state of %lu bytes but was %lu",
                             (unsigned long)snapshot_size(), (unsigned long)size);
@@ -131,7 +148,8 @@ static Status check_bytes(const Instance *instance, const void *bytes, size_t si
     return instance_expect_pointer(instance, bytes, "serializedState");
 }
 
-Status instance_serialize(const Instance *instance, const void *state, void *bytes, size_t size) {
+Status instance_serialize(const Instance *instance, const void *state, void *bytes, size_t size)
+{
     Status status = check_pointer(instance, state);
     if (status == STATUS_OK) {
         status = check_bytes(instance, bytes, size);
@@ -144,7 +162,8 @@ Status instance_serialize(const Instance *instance, const void *state, void *byt
     return status;
 }
 
-Status instance_deserialize(const Instance *instance, const void *bytes, size_t size, void **state) {
+Status instance_deserialize(const Instance *instance, const void *bytes, size_t size, void **state)
+{
     Status status = check_bytes(instance, bytes, size);
     if (status == STATUS_OK) {
         status = instance_expect_pointer(instance, state, "FMUState");

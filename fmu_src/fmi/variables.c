@@ -10,7 +10,8 @@ static const char *const type_name[] = {"Float64", "Int32", "Boolean", "Enumerat
 static const char *const causality_name[] = {"parameter", "input", "output", "independent variable"};
 
 /* The variable with this value reference, or NULL. */
-static const Variable *find(const Instance *instance, uint32_t reference) {
+static const Variable *find(const Instance *instance, uint32_t reference)
+{
     if (instance->has_time && reference == independent.value_reference) {
         return &independent;
     }
@@ -30,7 +31,8 @@ static const Variable *find(const Instance *instance, uint32_t reference) {
     return NULL;
 }
 
-static Status check_reference(const Instance *instance, unsigned takes, uint32_t reference) {
+static Status check_reference(const Instance *instance, unsigned takes, uint32_t reference)
+{
     const Variable *const variable = find(instance, reference);
     if (!variable) {
         return instance_log(instance, STATUS_ERROR, "expected a value reference of the model description but was %lu",
@@ -44,7 +46,8 @@ static Status check_reference(const Instance *instance, unsigned takes, uint32_t
 }
 
 /* To ask for nothing is no error, for whatever type. */
-static Status check_references(const Instance *instance, unsigned takes, const uint32_t references[], size_t n, const void *values) {
+static Status check_references(const Instance *instance, unsigned takes, const uint32_t references[], size_t n, const void *values)
+{
     Status status = n ? instance_expect_pointer(instance, references, "valueReferences") : STATUS_OK;
     if (n && status == STATUS_OK) {
         status = instance_expect_pointer(instance, values, "values");
@@ -56,13 +59,15 @@ static Status check_references(const Instance *instance, unsigned takes, const u
 }
 
 /* Initialization for the sake of the outputs only says why it fails: the last one tells what happens. */
-static void errors_only(void *context, MessageKind kind, const char *text) {
+static void errors_only(void *context, MessageKind kind, const char *text)
+{
     if (kind == MESSAGE_ERROR) {
         instance_log(context, STATUS_ERROR, "%s", text);
     }
 }
 
-Status instance_check_get(Instance *instance, unsigned takes, const uint32_t references[], size_t n, const void *values) {
+Status instance_check_get(Instance *instance, unsigned takes, const uint32_t references[], size_t n, const void *values)
+{
     const Status status = check_references(instance, takes, references, n, values);
     Snapshot *const now = instance->now;
     if (status != STATUS_OK || now->state != INITIALIZATION || !now->outdated) {
@@ -82,7 +87,8 @@ Status instance_check_get(Instance *instance, unsigned takes, const uint32_t ref
     return STATUS_OK;
 }
 
-Status instance_check_set(const Instance *instance, unsigned takes, const uint32_t references[], size_t n, const void *values) {
+Status instance_check_set(const Instance *instance, unsigned takes, const uint32_t references[], size_t n, const void *values)
+{
     const Status status = check_references(instance, takes, references, n, values);
     if (status != STATUS_OK) {
         return status;
@@ -100,7 +106,8 @@ Status instance_check_set(const Instance *instance, unsigned takes, const uint32
 
 /* Discard, not Error: FMI 3.0 (2.2.3) names min/max violations as its example, FMI 2.0 (2.2.7) asks for it on parameters and leaves it
  * to the FMU on inputs. The value is not taken, the instance stays as it was, the importer may offer another. */
-Status instance_check_value(const Instance *instance, uint32_t reference, double value) {
+Status instance_check_value(const Instance *instance, uint32_t reference, double value)
+{
     const Variable *const variable = find(instance, reference);
     if (!isfinite(value)) {
         return instance_log(instance, STATUS_DISCARD, "expected a finite value of %s but was %g", variable->name, value);
@@ -112,7 +119,8 @@ Status instance_check_value(const Instance *instance, uint32_t reference, double
     return STATUS_OK;
 }
 
-double instance_value(const Instance *instance, uint32_t reference) {
+double instance_value(const Instance *instance, uint32_t reference)
+{
     const Variable *const variable = find(instance, reference);
     if (variable->causality == CAUSALITY_INDEPENDENT) {
         return instance_time(instance);
@@ -121,7 +129,8 @@ double instance_value(const Instance *instance, uint32_t reference) {
     return variable->type == TYPE_FLOAT64 ? *(const double *)value : (double)*(const int32_t *)value;
 }
 
-void instance_assign(Instance *instance, uint32_t reference, double value) {
+void instance_assign(Instance *instance, uint32_t reference, double value)
+{
     const Variable *const variable = find(instance, reference);
     void *const place = (char *)instance->now->model + variable->offset;
     if (variable->type == TYPE_FLOAT64) {

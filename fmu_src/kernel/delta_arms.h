@@ -65,7 +65,7 @@ static inline int platform_below(const dph_robot *robot, const dph_arm arm[3], d
     if (!(height2 >= 0.0))
         return 0;
     double drop = copysign(sqrt(height2 / n2), n[2]);
-    if (!(fabs(drop) <= HUGE_VAL / 2.0))
+    if (!isfinite(drop))
         return 0;
     for (int k = 0; k < 3; ++k)
         point[k] = centre[0][k] + q[k] - drop * n[k];

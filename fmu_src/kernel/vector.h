@@ -27,13 +27,13 @@ static inline void add_scaled(double a[3], double factor, const double b[3])
         a[i] += factor * b[i];
 }
 
-/* Solution x of A x = f, A having the rows a_i: with cofactor columns C_i = a_j x a_k, x = sum C_i f_i / det. */
+/* The inverse of a matrix A (3, 3), by its columns. */
 typedef struct dph_inverse {
-    double column[3][3]; /* of A^-1 */
-    double det;          /* of A */
+    double column[3][3];
+    double det; /* of A */
 } dph_inverse;
 
-/* Not finite where A is singular. */
+/* Given the rows a_i of A: the columns of its inverse are a_j x a_k / det A. Not finite where A is singular. */
 static inline void invert_rows(const double a[3][3], dph_inverse *inverse)
 {
     cross(a[1], a[2], inverse->column[0]);

@@ -18,7 +18,8 @@ from .superposition import superposition_plan
 
 FOLDER = Path(__file__).parents[1] / "golden"
 HEADER = ("case", "quantity", "value", "tolerance", "absolute", "provenance")
-TOLERANCE = "1e-12"  # about 5000 double roundings; inputs rounded to double change no value by a tenth of it
+# About 5000 roundings in double. Rounding the inputs to double moves no value by more than 0.2 % of it.
+TOLERANCE = "1e-12"
 DIGITS = 30
 
 

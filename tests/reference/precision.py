@@ -56,6 +56,12 @@ def in_double(value: Any) -> Any:
     return value
 
 
+def agree(value: Number, expected: Number | str, digits: int = 40) -> bool:
+    """Whether two mpf agree to so many digits, absolutely where the expected value is below 1."""
+    target = mp.mpf(expected)
+    return bool(abs(mp.mpf(value) - target) <= mp.mpf(10) ** -digits * max(1, abs(target)))
+
+
 def dot(a: Sequence[Number], b: Sequence[Number]) -> Number:
     """Scalar product of two vectors (3)."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

@@ -1,0 +1,156 @@
+/* Rigid-body dynamics of the Delta robot with rigid rods: paper eq. (1) completed by its platform rows.
+ *
+ * Coordinates q = (theta, p), closures phi_i = (|s_i|^2 - l^2) / 2 = 0 (delta_arms.h), Jacobian J = [-diag(b), A]: b_i = s_i . E'_i, A has
+ * the rows s_i. A rod without spin has the angular velocity s x s' / l^2, so that a pair of mass mf with transverse inertia If has
+ *   T = mf |(E + p)' / 2|^2 / 2 + (If / l^2) |p' - E'|^2 / 2,
+ * which makes M constant but for the coupling of arm and platform. No part of it is lumped to elbow and platform.
+ *   M q'' + h + J^T lambda = (tau, 0) */
+#include <math.h>
+
+#include "delta_arms.h"
+
+/* Standard gravity [m/s^2]. */
+static const double gravity = 9.80665;
+
+/* The constants of M and h. */
+typedef struct {
+    double arm;             /* M_ii: upper arm, drive and the rods' share [kg m^2] */
+    double coupling;        /* M_ip = coupling E'_i [kg] */
+    double platform;        /* M_pp: platform, payload and the rods' share [kg] */
+    double arm_weight;      /* h_i = -arm_weight c_i [N m] */
+    double platform_weight; /* vertical part of h_p [N] */
+} Inertia;
+
+static Inertia inertia_of(const dph_robot *robot, double payload)
+{
+    double upper = robot->upper_arm_length, l = robot->forearm_length, mf = robot->forearm_mass;
+    double turning = robot->forearm_inertia / (l * l), same_end = 0.25 * mf + turning;
+    Inertia inertia = {
+        .arm = robot->upper_arm_inertia + robot->drive_inertia + same_end * upper * upper,
+        .coupling = 0.25 * mf - turning,
+        .platform = robot->platform_mass + payload + 3.0 * same_end,
+        .arm_weight = gravity * (robot->upper_arm_mass * robot->upper_arm_com + 0.5 * mf * upper),
+        .platform_weight = gravity * (robot->platform_mass + payload + 1.5 * mf),
+    };
+    return inertia;
+}
+
+/* lambda from the platform rows A^T lambda = -f_p. */
+static void multipliers(const dph_inverse *inverse, const double platform_force[3], double lambda[3])
+{
+    for (int i = 0; i < 3; ++i)
+        lambda[i] = -dot(inverse->column[i], platform_force);
+}
+
+void dph_inverse_dynamics(const dph_robot *robot, double payload, dph_motion *motion)
+{
+    Inertia m = inertia_of(robot, payload);
+    dph_arm arm[3];
+    dph_inverse inverse;
+    double s[3][3], force[3] = {0.0, 0.0, m.platform_weight};
+
+    for (int i = 0; i < 3; ++i) {
+        arm_at(robot, i, motion->theta[i], &arm[i]);
+        forearm_at(robot, i, &arm[i], motion->point, s[i]);
+        add_scaled(force, m.coupling * motion->theta_dd[i], arm[i].elbow_d);
+        add_scaled(force, m.coupling * motion->theta_d[i] * motion->theta_d[i], arm[i].elbow_dd);
+    }
+    add_scaled(force, m.platform, motion->point_dd);
+    invert_rows(s, &inverse);
+    multipliers(&inverse, force, motion->lambda);
+
+    /* Gravity of the arm: E'_z = -La c, so that c = -E'_z / La. */
+    double arm_weight = m.arm_weight / robot->upper_arm_length;
+    for (int i = 0; i < 3; ++i)
+        motion->torque[i] = m.arm * motion->theta_dd[i] + m.coupling * dot(arm[i].elbow_d, motion->point_dd) +
+                            arm_weight * arm[i].elbow_d[2] - dot(s[i], arm[i].elbow_d) * motion->lambda[i];
+}
+
+/* Solve the symmetric positive definite a x = f by a = L D L^T; x replaces f. Returns 0 where a is not positive definite. */
+static int solve_definite(double a[3][3], double f[3])
+{
+    double d0 = a[0][0];
+    if (!(d0 > 0.0))
+        return 0;
+    double r0 = 1.0 / d0, l10 = a[1][0] * r0, l20 = a[2][0] * r0;
+    double d1 = a[1][1] - l10 * a[1][0];
+    if (!(d1 > 0.0))
+        return 0;
+    double r1 = 1.0 / d1, c21 = a[2][1] - l20 * a[1][0], l21 = c21 * r1;
+    double d2 = a[2][2] - l20 * a[2][0] - l21 * c21;
+    if (!(d2 > 0.0))
+        return 0;
+    f[1] -= l10 * f[0];
+    f[2] -= l20 * f[0] + l21 * f[1];
+    f[2] /= d2;
+    f[1] = f[1] * r1 - l21 * f[2];
+    f[0] = f[0] * r0 - l10 * f[1] - l20 * f[2];
+    return 1;
+}
+
+/* With p' = Jp theta' and p'' = Jp theta'' + c, Jp = A^-1 diag(b), the equations of motion become
+ *   (T^T M T) theta'' = tau - T^T (h + M (0, c)),  T = [1; Jp]. */
+int dph_forward_dynamics(const dph_robot *robot, double payload, dph_motion *motion)
+{
+    Inertia m = inertia_of(robot, payload);
+    const double *w = motion->theta_d;
+    dph_arm arm[3];
+    dph_inverse inverse;
+    double s[3][3], jp[3][3]; /* jp: columns of Jp */
+
+    for (int i = 0; i < 3; ++i)
+        arm_at(robot, i, motion->theta[i], &arm[i]);
+    if (!platform_below(robot, arm, motion->point))
+        return 0;
+    for (int i = 0; i < 3; ++i)
+        forearm_at(robot, i, &arm[i], motion->point, s[i]);
+    invert_rows(s, &inverse);
+
+    double velocity[3] = {0.0, 0.0, 0.0};
+    for (int i = 0; i < 3; ++i) {
+        double b = dot(s[i], arm[i].elbow_d);
+        for (int k = 0; k < 3; ++k)
+            jp[i][k] = b * inverse.column[i][k];
+        add_scaled(velocity, w[i], jp[i]);
+    }
+
+    /* c = -A^-1 gamma, gamma_i = |s'_i|^2 - (s_i . E''_i) w_i^2; force: h_p, then h_p + M_pp c. */
+    double bias[3] = {0.0, 0.0, 0.0}, force[3] = {0.0, 0.0, m.platform_weight};
+    for (int i = 0; i < 3; ++i) {
+        double s_d[3];
+        for (int k = 0; k < 3; ++k)
+            s_d[k] = velocity[k] - w[i] * arm[i].elbow_d[k];
+        double gamma = dot(s_d, s_d) - dot(s[i], arm[i].elbow_dd) * w[i] * w[i];
+        add_scaled(bias, -gamma, inverse.column[i]);
+        add_scaled(force, m.coupling * w[i] * w[i], arm[i].elbow_dd);
+    }
+    add_scaled(force, m.platform, bias);
+
+    double mass[3][3], acceleration[3], arm_weight = m.arm_weight / robot->upper_arm_length;
+    for (int i = 0; i < 3; ++i) {
+        for (int k = 0; k <= i; ++k)
+            mass[i][k] = m.coupling * (dot(arm[i].elbow_d, jp[k]) + dot(arm[k].elbow_d, jp[i])) + m.platform * dot(jp[i], jp[k]);
+        mass[i][i] += m.arm;
+        acceleration[i] = motion->torque[i] - arm_weight * arm[i].elbow_d[2] - m.coupling * dot(arm[i].elbow_d, bias) -
+                          dot(jp[i], force);
+    }
+    if (!solve_definite(mass, acceleration))
+        return 0;
+
+    double platform[3] = {bias[0], bias[1], bias[2]};
+    for (int i = 0; i < 3; ++i) {
+        add_scaled(platform, acceleration[i], jp[i]);
+        add_scaled(force, m.coupling * acceleration[i], arm[i].elbow_d);
+        add_scaled(force, m.platform * acceleration[i], jp[i]);
+    }
+    multipliers(&inverse, force, motion->lambda);
+
+    double finite = 0.0;
+    for (int i = 0; i < 3; ++i) {
+        motion->theta_dd[i] = acceleration[i];
+        motion->point_d[i] = velocity[i];
+        motion->point_dd[i] = platform[i];
+        finite += fabs(acceleration[i]) + fabs(velocity[i]) + fabs(platform[i]) + fabs(motion->lambda[i]);
+    }
+    return isfinite(finite);
+}

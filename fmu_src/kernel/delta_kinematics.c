@@ -1,0 +1,161 @@
+/* Kinematics of the Delta robot: everything follows from |s_i|^2 = forearm_length^2 (delta_arms.h), in closed form. */
+#include <math.h>
+
+#include "delta_arms.h"
+#include <stddef.h>
+
+#include "laws.h"
+
+/* Bounds of a robot's lengths, masses and inertias: far beyond any robot, and their products neither overflow nor underflow. */
+static const double smallest = 1e-9, greatest = 1e6;
+
+static const double half_turn = 3.14159265358979323846;
+
+static dph_verdict invalid(double value, double bound)
+{
+    return dph_refuse(DPH_STATUS_INVALID_ROBOT, DPH_PHASE_IDLE, 0, bound, value);
+}
+
+/* Accept a value in [least, most]; nothing else, no NaN either. */
+static dph_verdict between(double value, double least, double most)
+{
+    if (!(value >= least))
+        return invalid(value, least);
+    if (!(value <= most))
+        return invalid(value, most);
+    return dph_accept();
+}
+
+dph_verdict dph_robot_check(const dph_robot *robot)
+{
+    double bias = fabs(robot->base_radius - robot->platform_radius);
+    const double checks[][3] = {
+        /* value, least, most */
+        {robot->base_radius, 0.0, greatest},
+        {robot->platform_radius, 0.0, greatest},
+        {robot->upper_arm_length, smallest, greatest},
+        {robot->forearm_length, smallest, greatest},
+        {robot->upper_arm_mass, 0.0, greatest},
+        {robot->upper_arm_com, -greatest, greatest},
+        {robot->upper_arm_inertia, 0.0, greatest},
+        {robot->forearm_mass, 0.0, greatest},
+        {robot->forearm_inertia, 0.0, greatest},
+        {robot->platform_mass, 0.0, greatest},
+        {robot->drive_inertia, 0.0, greatest},
+        /* Positive definite mass matrix, even of a massless platform on massless rods. */
+        {robot->upper_arm_inertia + robot->drive_inertia, smallest, greatest},
+        {robot->joint_position_min, -half_turn, half_turn},
+        {robot->joint_position_max, robot->joint_position_min, half_turn},
+        /* Arms stretched out evenly reach the axis in some pose: the robot closes. */
+        {robot->upper_arm_length + robot->forearm_length, bias, 2.0 * greatest},
+    };
+    for (size_t i = 0; i < sizeof checks / sizeof *checks; ++i) {
+        dph_verdict verdict = between(checks[i][0], checks[i][1], checks[i][2]);
+        if (verdict.status != DPH_STATUS_OK)
+            return verdict;
+    }
+    return dph_accept();
+}
+
+static dph_verdict unreachable(int i, double required, double available)
+{
+    return dph_refuse(DPH_STATUS_UNREACHABLE, DPH_PHASE_IDLE, i + 1, required, available);
+}
+
+/* One joint. In the plane of arm i the platform joint lies x outwards of the shoulder and z above it, y beside the plane. The closure
+ * x cos - z sin = K := (x^2 + z^2 + La^2 + y^2 - l^2) / (2 La) has two solutions; with the minus branch, the smaller angle, the elbow is
+ * outwards. */
+static dph_verdict joint_angle(const dph_robot *robot, int i, const double point[3], double *theta)
+{
+    const double *u = arm_direction[i];
+    double upper = robot->upper_arm_length, forearm = robot->forearm_length;
+    double x = point[0] * u[0] + point[1] * u[1] + robot->platform_radius - robot->base_radius;
+    double y = point[1] * u[0] - point[0] * u[1], z = point[2];
+
+    double plane2 = x * x + z * z, plane = sqrt(plane2);
+    if (!(fabs(y) <= forearm)) /* the forearm cannot even lean that far */
+        return unreachable(i, fabs(y), forearm);
+    double lean2 = (forearm - y) * (forearm + y), lean = sqrt(lean2);
+    if (!(plane <= upper + lean))
+        return unreachable(i, plane, upper + lean);
+    if (!(plane >= fabs(upper - lean)))
+        return unreachable(i, plane, fabs(upper - lean));
+
+    double k = (plane2 + upper * upper - lean2) / (2.0 * upper);
+    double root2 = plane2 - k * k; /* at the bounds 0 but for rounding */
+    double root = root2 > 0.0 ? sqrt(root2) : 0.0;
+    *theta = atan2(-z * k - x * root, x * k - z * root); /* both times plane^2 */
+    return dph_accept();
+}
+
+dph_verdict dph_inverse_kinematics(const dph_robot *robot, const double point[3], double theta[3])
+{
+    double angle[3];
+    for (int i = 0; i < 3; ++i) {
+        dph_verdict verdict = joint_angle(robot, i, point, &angle[i]);
+        if (verdict.status != DPH_STATUS_OK)
+            return verdict;
+    }
+    for (int i = 0; i < 3; ++i)
+        theta[i] = angle[i];
+    return dph_accept();
+}
+
+int dph_forward_kinematics(const dph_robot *robot, const double theta[3], double point[3])
+{
+    dph_arm arm[3];
+    for (int i = 0; i < 3; ++i)
+        arm_at(robot, i, theta[i], &arm[i]);
+    return platform_below(robot, arm, point);
+}
+
+double dph_dexterity(const dph_robot *robot, const double theta[3], const double point[3])
+{
+    double s[3][3], normal[3], least = HUGE_VAL;
+    double scale = robot->upper_arm_length * robot->forearm_length;
+    for (int i = 0; i < 3; ++i) {
+        dph_arm arm;
+        arm_at(robot, i, theta[i], &arm);
+        forearm_at(robot, i, &arm, point, s[i]);
+        least = fmin(least, fabs(dot(s[i], arm.elbow_d)) / scale);
+    }
+    cross(s[1], s[2], normal);
+    double forearm = robot->forearm_length;
+    return fmin(least, fabs(dot(s[0], normal)) / (forearm * forearm * forearm));
+}
+
+void dph_elbows(const dph_robot *robot, const double theta[3], double elbow[3][3])
+{
+    for (int i = 0; i < 3; ++i) {
+        dph_arm arm;
+        arm_at(robot, i, theta[i], &arm);
+        for (int k = 0; k < 3; ++k)
+            elbow[i][k] = arm.elbow[k];
+    }
+}
+
+void dph_joint_motion(const dph_robot *robot, const double theta[3], const double point[3], const double velocity[3],
+                      const double acceleration[3], const double jerk[3], double joint_velocity[3],
+                      double joint_acceleration[3], double joint_jerk[3])
+{
+    for (int i = 0; i < 3; ++i) {
+        dph_arm arm;
+        double s[3], s_d[3], s_dd[3];
+        arm_at(robot, i, theta[i], &arm);
+        forearm_at(robot, i, &arm, point, s);
+        double b = dot(s, arm.elbow_d), e = dot(s, arm.elbow_dd);
+
+        /* phi' = s . (p' - E' w) = 0 */
+        double w = dot(s, velocity) / b;
+        /* phi'' = |s'|^2 + s . (p'' - E' a - E'' w^2) = 0 */
+        for (int k = 0; k < 3; ++k)
+            s_d[k] = velocity[k] - w * arm.elbow_d[k];
+        double a = (dot(s_d, s_d) + dot(s, acceleration) - e * w * w) / b;
+        /* phi''' = 3 s' . s'' + s . (p''' - E' j - 3 E'' w a + E' w^3) = 0, since E''' = -E' */
+        for (int k = 0; k < 3; ++k)
+            s_dd[k] = acceleration[k] - a * arm.elbow_d[k] - w * w * arm.elbow_dd[k];
+        joint_jerk[i] = (3.0 * dot(s_d, s_dd) + dot(s, jerk) - 3.0 * e * w * a) / b + w * w * w;
+        joint_acceleration[i] = a;
+        joint_velocity[i] = w;
+    }
+}
