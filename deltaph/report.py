@@ -75,18 +75,18 @@ def _mark(ok: bool) -> str:
 
 def print_plan(console: Console, scenario: Scenario, plan: Plan) -> None:
     """The report on a plan."""
-    console.print(f"[bold]{scenario.title}[/]")
+    console.print(scenario.title, style="bold", markup=False, soft_wrap=True)
     console.print(
         f"law {plan.law.name} · {1e3 * plan.duration:g} ms (nominal {1e3 * plan.nominal_duration:.6f} ms, "
-        f"speed factor {plan.speed_factor:.6f}) · path {1e3 * plan.length:.3f} mm"
+        f"speed factor {plan.speed_factor:.6f}) · path {1e3 * plan.length:.3f} mm",
+        soft_wrap=True,
     )
-    phases = Table("phase", *(p.name for p in plan.phases), box=None, pad_edge=False)
-    phases.add_row("start [ms]", *(f"{1e3 * p.start:.3f}" for p in plan.phases))
-    phases.add_row("duration [ms]", *(f"{1e3 * p.duration:.3f}" for p in plan.phases))
-    phases.add_row("length [mm]", *(f"{1e3 * p.length:.3f}" for p in plan.phases))
+    phases = Table("phase", "start (ms)", "duration (ms)", "length (mm)", box=None, pad_edge=False)
+    for p in plan.phases:
+        phases.add_row(p.name, f"{1e3 * p.start:.3f}", f"{1e3 * p.duration:.3f}", f"{1e3 * p.length:.3f}")
     console.print(phases)
 
-    corners = Table("corner deviation [mm]", "prescribed", "planned", "kept", box=None, pad_edge=False)
+    corners = Table("corner deviation (mm)", "prescribed", "planned", "kept", box=None, pad_edge=False)
     for side, prescribed, planned in zip(("pick", "place"), plan.task.corner_deviation, plan.corner_deviation, strict=True):
         corners.add_row(side, f"{1e3 * prescribed:g}", f"{1e3 * planned:.5f}", _mark(planned <= prescribed * (1 + 1e-12)))
     console.print(corners)
@@ -97,19 +97,19 @@ def print_plan(console: Console, scenario: Scenario, plan: Plan) -> None:
         limits: Sequence[float] = getattr(scenario.limits, f"joint_{quantity}")
         kept = all(value <= limit for value, limit in zip(values, limits, strict=True))
         bounds = " ".join(dict.fromkeys(_limit(limit) for limit in limits))
-        peaks.add_row(f"joint {quantity} [{unit}]".replace("[", r"\["), *(f"{value:.5g}" for value in values), bounds, _mark(kept))
-    peaks.add_row(r"tcp speed \[m/s]", f"{plan.peaks.tcp_speed:.5g}", "", "", _limit(scenario.limits.tcp_speed), _mark(plan.peaks.tcp_speed <= scenario.limits.tcp_speed))
-    peaks.add_row(r"tcp acceleration \[m/s2]", f"{plan.peaks.tcp_acceleration:.5g}", "", "", "-", "")
+        peaks.add_row(f"joint {quantity} ({unit})", *(f"{value:.5g}" for value in values), bounds, _mark(kept))
+    peaks.add_row("tcp speed (m/s)", f"{plan.peaks.tcp_speed:.5g}", "", "", _limit(scenario.limits.tcp_speed), _mark(plan.peaks.tcp_speed <= scenario.limits.tcp_speed))
+    peaks.add_row("tcp acceleration (m/s2)", f"{plan.peaks.tcp_acceleration:.5g}", "", "", "-", "")
     console.print(peaks)
 
 
 def print_run(console: Console, scenario: Scenario, plan: Plan, execution: Execution, trace: Trace, checks: Sequence[Check]) -> None:
     """The summary of a run: planned and executed deviation side by side, tracking, load, time, expectations."""
-    console.print(f"[bold]{scenario.title}[/]")
-    console.print(f"law {plan.law.name} · {1e3 * plan.duration:g} ms · {scenario.gains} drive gains · payload {scenario.payload:g} kg")
+    console.print(scenario.title, style="bold", markup=False, soft_wrap=True)
+    console.print(f"law {plan.law.name} · {1e3 * plan.duration:g} ms · {scenario.gains} drive gains · payload {scenario.payload:g} kg", soft_wrap=True)
 
     tolerance = deviation_tolerance(scenario)
-    corners = Table("corner deviation [mm]".replace("[", r"\["), "prescribed", "planned", "executed", "kept in the machine", box=None, pad_edge=False)
+    corners = Table("corner deviation (mm)", "prescribed", "planned", "executed", "kept in the machine", box=None, pad_edge=False)
     for i, side in enumerate(("pick side", "place side")):
         executed = side_deviations(execution, i)
         if executed:

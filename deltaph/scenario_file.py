@@ -5,14 +5,16 @@ from __future__ import annotations
 from typing import Annotated, Literal, Self
 
 from annotated_types import Ge, Gt, MinLen
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 
 from deltaph.variables import variable_table
 
 Positive = Annotated[float, Gt(0)]
 NonNegative = Annotated[float, Ge(0)]
-Point = tuple[float, float, float]
-PerJoint = Positive | tuple[Positive, Positive, Positive]
+# TOML has arrays, not tuples: these alone are not strict.
+Point = Annotated[tuple[float, float, float], Strict(False)]
+PerJoint = Positive | Annotated[tuple[Positive, Positive, Positive], Strict(False)]
+PerCorner = Positive | Annotated[tuple[Positive, Positive], Strict(False)]
 
 _LAWS = variable_table("planner").items("Law")
 _GAINS = tuple(variable_table("plant").gains)
@@ -57,7 +59,7 @@ class TaskSection(Section):
     lift_mm: Positive | None = Field(None, description="lift height above both points")
     lift_pick_mm: Positive | None = Field(None, description="lift height above the pick point, where the two differ")
     lift_place_mm: Positive | None = Field(None, description="lift height above the place point, where the two differ")
-    corner_deviation_mm: Positive | tuple[Positive, Positive] = Field(
+    corner_deviation_mm: PerCorner = Field(
         description="greatest distance of a corner's vertex from the path; one value, or one at the pick and one at the place side"
     )
 

@@ -15,7 +15,7 @@ from deltaph.fmu import c_table
 from deltaph.fmu.model_description import FmiVersion
 from deltaph.fmu.sources import c_files, token
 from deltaph.sources import FMU_SRC
-from deltaph.variables import Model, variable_table
+from deltaph.variables import Model
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden", "-Wall", "-Wextra")
 """No contraction, no fast-math: the FMUs and the Python binding give the same bits."""
@@ -40,7 +40,7 @@ def compiler() -> tuple[str, ...]:
     raise EnvironmentProblem("building FMUs takes a C compiler and there is none: install gcc or clang (Debian: apt install gcc)")
 
 
-def header_folder() -> Path:
+def fmi_headers() -> Path:
     """Where fmpy keeps the headers of the FMI; found without importing it.
 
     Raises:
@@ -67,16 +67,14 @@ def shared_library(model: Model, version: FmiVersion) -> bytes:
         EnvironmentProblem: there is no compiler, or it fails: with its first error.
     """
     command = compiler()
-    table = variable_table(model)
     with tempfile.TemporaryDirectory(prefix="deltaph-") as temporary:
         folder = Path(temporary)
-        (folder / c_table.HEADER).write_text(c_table.header(table), encoding="utf-8")
-        (folder / c_table.SOURCE).write_text(c_table.source(model, table, token(model, version)), encoding="utf-8")
-        library = folder / table.model
+        c_table.write_c_table(model, folder, token(model, version))
+        library = folder / model
         arguments = [
             *command,
             *FLAGS,
-            *("-I", str(folder), "-I", str(FMU_SRC), "-isystem", str(header_folder())),
+            *("-I", str(folder), "-I", str(FMU_SRC), "-isystem", str(fmi_headers())),
             *map(str, c_files(model, version)),
             c_table.SOURCE,
             *("-o", str(library), "-lm"),
@@ -85,6 +83,6 @@ def shared_library(model: Model, version: FmiVersion) -> bytes:
             subprocess.run(arguments, cwd=folder, check=True, capture_output=True, text=True)
             return library.read_bytes()
         except subprocess.CalledProcessError as error:
-            raise EnvironmentProblem(f"{command[0]} cannot compile {table.model}: {_first_error(error.stderr)}") from error
+            raise EnvironmentProblem(f"{command[0]} cannot compile the {model}: {_first_error(error.stderr)}") from error
         except OSError as error:
-            raise EnvironmentProblem(f"{command[0]} cannot compile {table.model}: {error}") from error
+            raise EnvironmentProblem(f"{command[0]} cannot compile the {model}: {error}") from error

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from importlib.metadata import version as installed_version
 from typing import Literal
 
-from deltaph import __version__
 from deltaph.fmu.c_table import variable_range
 from deltaph.fmu.units import DISPLAY_UNITS, base_unit, display_unit
 from deltaph.variables import Variable, VariableTable
@@ -18,7 +18,7 @@ STEP_SIZE = 1e-3
 STOP_TIME = 0.353
 """Default stop time [s]: the PPO of the start values takes 0.303 s, then 50 ms to settle."""
 
-GENERATION_TOOL = f"deltaph {__version__}"
+GENERATION_TOOL = f"deltaph {installed_version('deltaph')}"
 
 _LOG_CATEGORIES = {
     "logEvents": "What happens: plans, trips",

@@ -1,8 +1,8 @@
 /* Kinematics of the Delta robot: everything follows from |s_i|^2 = forearm_length^2 (delta_arms.h), in closed form. */
 #include <math.h>
+#include <stddef.h>
 
 #include "delta_arms.h"
-#include <stddef.h>
 
 #include "laws.h"
 

@@ -34,7 +34,7 @@ typedef struct dph_inverse {
 } dph_inverse;
 
 /* Given the rows a_i of A: the columns of its inverse are a_j x a_k / det A. Not finite where A is singular. */
-static inline void invert_rows(const double a[3][3], dph_inverse *inverse)
+static inline void invert_rows(double a[3][3], dph_inverse *inverse)
 {
     cross(a[1], a[2], inverse->column[0]);
     cross(a[2], a[0], inverse->column[1]);

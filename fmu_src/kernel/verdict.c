@@ -64,8 +64,8 @@ void dph_verdict_text(const dph_verdict *verdict, char *text, int size)
                  mm(required), mm(available), mm(fabs(required - available)));
         return;
     case DPH_STATUS_LIFT_TOO_LOW:
-        snprintf(text, n, "corner deviation %.6g mm does not fit lift height %.6g mm: at most %.6g mm%s", mm(required),
-                 mm(dph_corner_leg(available)), mm_at_most(available), phase);
+        snprintf(text, n, "corner deviation %.6g mm does not fit lift height %.6g mm: at most %.6g mm (%s side)", mm(required),
+                 mm(dph_corner_leg(available)), mm_at_most(available), verdict->phase == DPH_PHASE_PICK_CORNER ? "pick" : "place");
         return;
     case DPH_STATUS_TRAVERSE_TOO_SHORT:
         snprintf(text, n, "the corners take %.6g mm of the traverse, but pick and place are only %.6g mm apart: a smaller corner deviation or a longer traverse is needed",
