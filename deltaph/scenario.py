@@ -216,7 +216,8 @@ def parse_scenario(text: str, path: Path) -> Scenario:
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{path}: not TOML: {error}") from error
     except ValidationError as error:
-        errors = error.errors()
+        # A misspelt key is reported as one unknown and one missing: the first of the two says more.
+        errors = sorted(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
         more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
         raise ScenarioError(f"{path}: {_say(errors[0])}{more}") from error
 
