@@ -36,7 +36,9 @@ class Check:
 def _bound(expectation: Expectation) -> str:
     if expectation.equals is not None:
         return f"{expectation.equals:g} ± {expectation.tolerance:g}"
-    parts = [f"{word} {value:g}" for word, value in (("at least", expectation.min), ("at most", expectation.max)) if value is not None]
+    parts = [
+        f"{word} {value:g}" for word, value in (("at least", expectation.min), ("at most", expectation.max)) if value is not None
+    ]
     return " and ".join(parts)
 
 

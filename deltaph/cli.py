@@ -19,16 +19,20 @@ from deltaph.files import STDOUT, check_writable, replace, write_text
 app = typer.Typer(
     name="deltaph",
     help="Pick-and-place of Delta robots on Pythagorean-hodograph corners that keep a prescribed deviation.",
-    epilog="Exit codes: 0 fine, 1 an expectation was missed or the plant tripped, 2 usage, scenario or environment error, 3 infeasible plan.",
+    epilog="Exit codes: 0 fine, 1 expectation missed or plant tripped, 2 usage, scenario or environment error, 3 infeasible plan.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
 
-ScenarioArgument = Annotated[Path, typer.Argument(metavar="SCENARIO", help="scenario file (TOML); see `deltaph init` and `deltaph schema`")]
+ScenarioArgument = Annotated[
+    Path, typer.Argument(metavar="SCENARIO", help="scenario file (TOML); see `deltaph init` and `deltaph schema`")
+]
 JsonOption = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="write the report as JSON; - is standard output")]
 CsvOption = Annotated[Path | None, typer.Option("--csv", metavar="FILE", help="write a table of all outputs; - is standard output")]
-ConnectOption = Annotated[list[str] | None, typer.Option("--connect", metavar="ENDPOINT", help="Zenoh endpoint to connect to, such as tcp/127.0.0.1:7447")]
+ConnectOption = Annotated[
+    list[str] | None, typer.Option("--connect", metavar="ENDPOINT", help="Zenoh endpoint to connect to, such as tcp/127.0.0.1:7447")
+]
 
 
 def _tables(*outputs: Path | None) -> Console:
@@ -73,7 +77,9 @@ def plan(
     scenario: ScenarioArgument,
     csv: CsvOption = None,
     sample_ms: Annotated[float, typer.Option("--sample-ms", metavar="MS", help="time between the rows of --csv")] = 1.0,
-    plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE.png", help="draw path, tcp speed, joint angles, velocities, torques")] = None,
+    plot: Annotated[
+        Path | None, typer.Option("--plot", metavar="FILE.png", help="draw path, tcp speed, joint angles, velocities, torques")
+    ] = None,
     json_file: JsonOption = None,
 ) -> None:
     """Plan only: report duration, corner deviation, peaks against their limits.
@@ -100,7 +106,9 @@ def plan(
     if csv is not None:
         time = found.grid(sample_ms)
         write_text(csv, lambda stream: write_csv(stream, {"time": time, **planner_columns(found, time)}))
-    _write_json(json_file, {"scenario": str(scenario), "law": case.law.name, "plan": plan_facts(found), "phases": phase_facts(found)})
+    _write_json(
+        json_file, {"scenario": str(scenario), "law": case.law.name, "plan": plan_facts(found), "phases": phase_facts(found)}
+    )
 
     console = _tables(csv, json_file)
     print_plan(console, case, found)
@@ -115,16 +123,19 @@ def plan(
 def build(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="where to write")] = Path("dist"),
     fmi: Annotated[str, typer.Option("--fmi", metavar="2|3|all", help="FMI versions to build")] = "all",
-    platform: Annotated[str, typer.Option("--platform", metavar="NAME", help="platform to build for; host is this machine's")] = "host",
+    platform: Annotated[
+        str, typer.Option("--platform", metavar="NAME", help="platform to build for; host is this machine's")
+    ] = "host",
 ) -> None:
     """Build the FMUs and the system descriptions from the C sources in the package.
 
     Example: deltaph build -o dist && fmpy info dist/DeltaPlanner.fmu
     """
+    from deltaph.fmu import FMI_VERSIONS
     from deltaph.fmu import build as build_fmus
 
-    versions = {"2": (2,), "3": (3,), "all": (2, 3)}.get(fmi)
-    if versions is None:
+    versions = [version for version in FMI_VERSIONS if fmi in (str(version), "all")]
+    if not versions:
         raise DeltaphError(f"--fmi is {fmi!r}: choose 2, 3 or all")
     for path in build_fmus(output, versions, platform):
         typer.echo(f"wrote {path}")
@@ -136,12 +147,17 @@ def run(
     record: Annotated[Path | None, typer.Option("--record", metavar="FILE.rrd", help="write a Rerun recording")] = None,
     json_file: JsonOption = None,
     csv: CsvOption = None,
-    realtime: Annotated[bool, typer.Option("--realtime", help="keep the communication points on the clock; without it: as fast as possible")] = False,
-    cycles: Annotated[int | None, typer.Option("--cycles", metavar="N", help="there and back N times; without it: one way", min=1)] = None,
+    realtime: Annotated[
+        bool, typer.Option("--realtime", help="keep the communication points on the clock; without it: as fast as possible")
+    ] = False,
+    cycles: Annotated[
+        int | None, typer.Option("--cycles", metavar="N", help="there and back N times; without it: one way", min=1)
+    ] = None,
     telemetry: Annotated[bool, typer.Option("--telemetry/--no-telemetry", help="publish over Zenoh")] = True,
     connect: ConnectOption = None,
     listen: Annotated[
-        list[str] | None, typer.Option("--listen", metavar="ENDPOINT", help="Zenoh endpoint to listen on (default tcp/127.0.0.1:7447)")
+        list[str] | None,
+        typer.Option("--listen", metavar="ENDPOINT", help="Zenoh endpoint to listen on (default tcp/127.0.0.1:7447)"),
     ] = None,
     wait_subscribers: Annotated[
         int, typer.Option("--wait-subscribers", metavar="N", help="wait up to 60 s until N Zenoh subscribers are there", min=0)
@@ -200,7 +216,7 @@ def view(file: Annotated[Path, typer.Argument(metavar="FILE.rrd", help="recordin
     raise typer.Exit(subprocess.run([viewer, str(file), "--bind", "127.0.0.1"], check=False).returncode)
 
 
-UsageError = typer.BadParameter.__bases__[0]  # typer carries its parser inside and exports only this one of its errors
+UsageError: Any = typer.BadParameter.__bases__[0]  # typer carries its parser inside and exports only this one of its errors
 
 
 def main() -> None:
@@ -212,7 +228,7 @@ def main() -> None:
     except DeltaphError as error:
         code = _fail(f"error: {error}", error.exit_code)
     except UsageError as error:
-        code = _fail(f"usage: {error.format_message()}", 2)  # type: ignore[attr-defined]
+        code = _fail(f"usage: {error.format_message()}", 2)
     except BrokenPipeError:
         sys.stderr.close()  # the reader of our output has gone, and nobody is left to tell
         code = 2

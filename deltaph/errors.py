@@ -15,7 +15,7 @@ class ScenarioError(DeltaphError):
     """A scenario file cannot be read, or says something that is not a scenario."""
 
 
-class EnvironmentProblem(DeltaphError):
+class EnvironmentProblem(DeltaphError):  # noqa: N818, EnvironmentError is a builtin
     """The machine lacks something: a compiler, a free endpoint, a writable file."""
 
 

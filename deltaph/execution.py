@@ -27,7 +27,9 @@ class Trace:
         self.time: FloatArray = np.array([frame.time for frame in frames])
         self.timing: FloatArray = np.stack([frame.timing for frame in frames])
         self._floats = {model: np.stack([getattr(frame, f"{model}_floats") for frame in frames]) for model in ("planner", "plant")}
-        self._integers = {model: np.stack([getattr(frame, f"{model}_integers") for frame in frames]) for model in ("planner", "plant")}
+        self._integers = {
+            model: np.stack([getattr(frame, f"{model}_integers") for frame in frames]) for model in ("planner", "plant")
+        }
 
     def __getitem__(self, key: tuple[Model, str]) -> FloatArray:
         """An output group such as ("plant", "tcp_position"): (frames, 3), or (frames,) where it is one scalar."""
@@ -75,8 +77,8 @@ class Execution:
 def corner_deviation(time: FloatArray, position: FloatArray, velocity: FloatArray, vertex: FloatArray) -> float:
     """Distance of a vertex from an executed path, interpolated between frames.
 
-    The path is the cubic that has the frames' positions and velocities (Hermite). 200 points a step leave gaps of micrometres, whose
-    effect on a distance of millimetres is of second order: below a nanometre.
+    The path is the cubic that has the frames' positions and velocities (Hermite). 200 points a step leave gaps of micrometres;
+    their effect on a distance of millimetres is of second order: below a nanometre.
 
     Args:
         time: (n,) [s].

@@ -1,7 +1,7 @@
 """The importer: steps both FMUs on one grid, exchanging in parallel, and yields one frame per communication point.
 
-At t_n it reads all outputs, sets all inputs, then steps every FMU to t_n+1. The plant extrapolates its reference inside the step, so that
-this exchange shows no millisecond of lag as tracking error.
+At t_n it reads all outputs, sets all inputs, then steps every FMU to t_n+1. The plant extrapolates its reference inside the step,
+so that this exchange shows no millisecond of lag as tracking error.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ def planner_values(scenario: Scenario) -> dict[str, float]:
 def plant_values(scenario: Scenario) -> dict[str, float]:
     """Parameters and first inputs of the plant."""
     start = {f"start.{axis}": value for axis, value in zip("xyz", scenario.task.pick, strict=True)}
-    return scenario.robot.parameters | variable_table("plant").gains[scenario.gains] | start | {"payload.mass": scenario.payload}
+    return {**scenario.robot.parameters, **variable_table("plant").gains[scenario.gains], **start, "payload.mass": scenario.payload}
 
 
 class _Link:
@@ -143,7 +143,9 @@ class _Request:
     def __init__(self, planner: Slave, run: Schedule) -> None:
         self._planner = planner
         self._pending = {
-            op.request_step: {**task_inputs(op.plan.task), "task.trigger": number} for number, op in enumerate(run.operations, 1) if number > 1
+            op.request_step: {**task_inputs(op.plan.task), "task.trigger": number}
+            for number, op in enumerate(run.operations, 1)
+            if number > 1
         }
 
     def post(self, step: int) -> None:
@@ -152,9 +154,7 @@ class _Request:
             self._planner.set(values)
 
 
-def cosimulate(
-    scenario: Scenario, run: Schedule, fmus: Mapping[Model, Path], *, realtime: bool = False
-) -> Iterator[Frame]:
+def cosimulate(scenario: Scenario, run: Schedule, fmus: Mapping[Model, Path], *, realtime: bool = False) -> Iterator[Frame]:
     """Co-simulate a scenario; yields frame 0, the initial state, and one frame per step.
 
     Args:
@@ -185,7 +185,9 @@ def cosimulate(
             yield from _loop(planner, plant, link, requests, run.steps, size, realtime)
 
 
-def _loop(planner: Slave, plant: Slave, link: _Link, requests: _Request, steps: int, size: float, realtime: bool) -> Iterator[Frame]:
+def _loop(
+    planner: Slave, plant: Slave, link: _Link, requests: _Request, steps: int, size: float, realtime: bool
+) -> Iterator[Frame]:
     """The step loop. All frames' memory is allocated here, before the first step."""
     planner_floats = np.empty((steps + 1, len(planner.outputs)))
     planner_integers = np.empty((steps + 1, len(planner.integers)), dtype=np.int32)

@@ -18,7 +18,9 @@ def _library() -> Path:
         for candidate in Path(directory).glob("deltaph_kernel.*"):
             if candidate.suffix in {".so", ".dylib", ".dll"}:
                 return candidate
-    raise ImportError(f"the kernel library is missing in {list(deltaph.__path__)}: install deltaph with pip, do not import a checkout")
+    raise ImportError(
+        f"the kernel library is missing in {list(deltaph.__path__)}: install deltaph with pip, do not import a checkout"
+    )
 
 
 def _declarations() -> str:

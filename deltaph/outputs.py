@@ -49,7 +49,8 @@ def _integers_last(model: Model) -> list[str]:
 def frame_columns(frames: Sequence[Frame]) -> dict[str, FloatArray]:
     """Time, planner outputs under their names and plant outputs behind `plant.`, from frames."""
     columns = {"time": np.array([frame.time for frame in frames])}
-    for model, prefix in (("planner", ""), ("plant", "plant.")):
+    prefixes: dict[Model, str] = {"planner": "", "plant": "plant."}
+    for model, prefix in prefixes.items():
         rows = np.stack([np.concatenate((getattr(f, f"{model}_floats"), getattr(f, f"{model}_integers"))) for f in frames])
         by_name = dict(zip(_integers_last(model), rows.T, strict=True))
         columns |= {prefix + v.name: by_name[v.name] for v in variable_table(model).of("output")}

@@ -165,7 +165,12 @@ class Plan:
             return tuple(Phase(n, float(times[a]), float(times[b] - times[a]), length) for n, a, b, length in strokes)
         names = enumeration("dph_phase")
         return tuple(
-            Phase(names[plan.phase[i]], float(times[i]), float(times[i + 1] - times[i]), plan.arc_boundary[i + 1] - plan.arc_boundary[i])
+            Phase(
+                names[plan.phase[i]],
+                float(times[i]),
+                float(times[i + 1] - times[i]),
+                plan.arc_boundary[i + 1] - plan.arc_boundary[i],
+            )
             for i in range(plan.pieces)
         )
 
@@ -174,7 +179,9 @@ class Plan:
         """Peaks over continuous time."""
         peaks = ffi.new("dph_peaks *")
         lib.dph_plan_peaks(self._struct, peaks)
-        joints = {name: tuple(getattr(peaks, name)) for name in ("joint_velocity", "joint_acceleration", "joint_jerk", "joint_torque")}
+        joints = {
+            name: tuple(getattr(peaks, name)) for name in ("joint_velocity", "joint_acceleration", "joint_jerk", "joint_torque")
+        }
         return Peaks(**joints, tcp_speed=peaks.tcp_speed, tcp_acceleration=peaks.tcp_acceleration)
 
     def sample(self, time: FloatArray) -> NDArray[np.void]:
@@ -196,7 +203,9 @@ class Plan:
         found = []
         for quantity, unit in (("velocity", "rad/s"), ("acceleration", "rad/s2"), ("jerk", "rad/s3"), ("torque", "N.m")):
             pairs = zip(getattr(self.peaks, f"joint_{quantity}"), getattr(limits, f"joint_{quantity}"), strict=True)
-            found += [Violation(f"joint {i} {quantity}", peak, limit, unit) for i, (peak, limit) in enumerate(pairs, 1) if peak > limit]
+            found += [
+                Violation(f"joint {i} {quantity}", peak, limit, unit) for i, (peak, limit) in enumerate(pairs, 1) if peak > limit
+            ]
         if self.peaks.tcp_speed > limits.tcp_speed:
             found.append(Violation("tcp speed", self.peaks.tcp_speed, limits.tcp_speed, "m/s"))
         return found
@@ -208,5 +217,7 @@ class Plan:
             InfeasibleError: names the first peak beyond its limit.
         """
         for v in self.violations(limits):
-            sentence = f"{v.quantity} reaches {v.peak:.5g} {v.unit}, beyond the limit of {v.limit:.5g} {v.unit}: lower the law's speeds"
+            sentence = (
+                f"{v.quantity} reaches {v.peak:.5g} {v.unit}, beyond the limit of {v.limit:.5g} {v.unit}: lower the law's speeds"
+            )
             raise InfeasibleError(sentence, status="limit_exceeded", required=v.peak, available=v.limit)

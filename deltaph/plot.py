@@ -24,12 +24,23 @@ def _draw_path(axes: Axes, plan: Plan, position: NDArray[np.float64], *, corner:
     width = float(np.linalg.norm(across))
     along = (position[:, :2] - pick[:2]) @ (across / width) * 1e3
     vertex = plan.vertices[0] * 1e3
-    axes.plot([0, 0, 1e3 * width, 1e3 * width], [1e3 * pick[2], vertex[2], vertex[2], 1e3 * plan.task.place[2]], color="0.7", label="right angles")
+    axes.plot(
+        [0, 0, 1e3 * width, 1e3 * width],
+        [1e3 * pick[2], vertex[2], vertex[2], 1e3 * plan.task.place[2]],
+        color="0.7",
+        label="right angles",
+    )
     axes.plot(along, 1e3 * position[:, 2], color="tab:blue", label="path")
     prescribed = 1e3 * plan.task.corner_deviation[0]
     if corner:
         angle = np.linspace(0.0, 2.0 * np.pi, 200)
-        axes.plot(prescribed * np.cos(angle), vertex[2] + prescribed * np.sin(angle), color="tab:red", lw=0.8, label=f"prescribed {prescribed:g} mm")
+        axes.plot(
+            prescribed * np.cos(angle),
+            vertex[2] + prescribed * np.sin(angle),
+            color="tab:red",
+            lw=0.8,
+            label=f"prescribed {prescribed:g} mm",
+        )
         reach = min(8.0 * prescribed, 1e3 * plan.task.lift[0], 500.0 * width)
         axes.set_xlim(-1.5 * prescribed, reach)
         axes.set_ylim(vertex[2] - reach, vertex[2] + 1.5 * prescribed)
@@ -42,7 +53,9 @@ def _draw_path(axes: Axes, plan: Plan, position: NDArray[np.float64], *, corner:
     axes.legend(fontsize="small")
 
 
-def _draw_joints(axes: Axes, time_ms: NDArray[np.float64], values: NDArray[np.float64], label: str, limits: tuple[float, ...] | None) -> None:
+def _draw_joints(
+    axes: Axes, time_ms: NDArray[np.float64], values: NDArray[np.float64], label: str, limits: tuple[float, ...] | None
+) -> None:
     for i, (colour, style) in enumerate(_JOINT_STYLES):
         axes.plot(time_ms, values[:, i], color=colour, ls=style, label=f"joint {i + 1}")
     if limits is not None:

@@ -98,15 +98,27 @@ def print_plan(console: Console, scenario: Scenario, plan: Plan) -> None:
         kept = all(value <= limit for value, limit in zip(values, limits, strict=True))
         bounds = " ".join(dict.fromkeys(_limit(limit) for limit in limits))
         peaks.add_row(f"joint {quantity} ({unit})", *(f"{value:.5g}" for value in values), bounds, _mark(kept))
-    peaks.add_row("tcp speed (m/s)", f"{plan.peaks.tcp_speed:.5g}", "", "", _limit(scenario.limits.tcp_speed), _mark(plan.peaks.tcp_speed <= scenario.limits.tcp_speed))
+    peaks.add_row(
+        "tcp speed (m/s)",
+        f"{plan.peaks.tcp_speed:.5g}",
+        "",
+        "",
+        _limit(scenario.limits.tcp_speed),
+        _mark(plan.peaks.tcp_speed <= scenario.limits.tcp_speed),
+    )
     peaks.add_row("tcp acceleration (m/s2)", f"{plan.peaks.tcp_acceleration:.5g}", "", "", "-", "")
     console.print(peaks)
 
 
-def print_run(console: Console, scenario: Scenario, plan: Plan, execution: Execution, trace: Trace, checks: Sequence[Check]) -> None:
+def print_run(
+    console: Console, scenario: Scenario, plan: Plan, execution: Execution, trace: Trace, checks: Sequence[Check]
+) -> None:
     """The summary of a run: planned and executed deviation side by side, tracking, load, time, expectations."""
     console.print(scenario.title, style="bold", markup=False, soft_wrap=True)
-    console.print(f"law {plan.law.name} · {1e3 * plan.duration:g} ms · {scenario.gains} drive gains · payload {scenario.payload:g} kg", soft_wrap=True)
+    console.print(
+        f"law {plan.law.name} · {1e3 * plan.duration:g} ms · {scenario.gains} drive gains · payload {scenario.payload:g} kg",
+        soft_wrap=True,
+    )
 
     tolerance = deviation_tolerance(scenario)
     corners = Table("corner deviation (mm)", "prescribed", "planned", "executed", "kept in the machine", box=None, pad_edge=False)
@@ -116,13 +128,20 @@ def print_run(console: Console, scenario: Scenario, plan: Plan, execution: Execu
             worst = max(executed)
             prescribed, planned = plan.task.corner_deviation[i], plan.corner_deviation[i]
             verdict = _mark(worst <= prescribed + tolerance)
-            corners.add_row(side, f"{1e3 * prescribed:g}", f"{1e3 * planned:.4f}", f"{1e3 * worst:.4f}", verdict + f" (tolerance {1e3 * tolerance:g})")
+            corners.add_row(
+                side,
+                f"{1e3 * prescribed:g}",
+                f"{1e3 * planned:.4f}",
+                f"{1e3 * worst:.4f}",
+                verdict + f" (tolerance {1e3 * tolerance:g})",
+            )
     console.print(corners)
 
     facts = Table.grid(padding=(0, 2))
     facts.add_row("largest excursion outside the right angles", f"{1e3 * execution.overshoot:.4f} mm")
     facts.add_row(
-        "tracking error, largest", f"tcp {1e3 * execution.tracking_error_tcp_max:.4f} mm, joint {1e3 * execution.tracking_error_joint_max:.4f} mrad"
+        "tracking error, largest",
+        f"tcp {1e3 * execution.tracking_error_tcp_max:.4f} mm, joint {1e3 * execution.tracking_error_joint_max:.4f} mrad",
     )
     facts.add_row("motor torque, largest", "  ".join(f"{value:.2f}" for value in execution.motor_torque_max) + " N m")
     facts.add_row("motor torque, rms", "  ".join(f"{value:.2f}" for value in execution.motor_torque_rms) + " N m")

@@ -7,7 +7,7 @@ import hashlib
 import json
 import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self, get_args
@@ -127,9 +127,10 @@ class Scenario:
 
 def _si(section: BaseModel) -> dict[str, Any]:
     """The keys of a section without their units and its values in SI; absent ones left out."""
-    result = {}
+    result: dict[str, Any] = {}
     for key, value in section.model_dump(exclude_none=True).items():
-        name, convert = key, float
+        name = key
+        convert: Callable[[float], float] = float
         for suffix, conversion in _UNITS.items():
             if key.endswith(suffix):
                 name, convert = key.removesuffix(suffix), conversion
@@ -185,7 +186,7 @@ def _say(error: Mapping[str, Any]) -> str:
         case "missing":
             return f"key {key} is missing"
         case "value_error":
-            return (f"{key}: " if key else "") + error["msg"].removeprefix("Value error, ")
+            return (f"{key}: " if key else "") + str(error["msg"]).removeprefix("Value error, ")
         case _:
             message = error["msg"][0].lower() + error["msg"][1:]
             return f"{key} is {error['input']!r}: {message}"

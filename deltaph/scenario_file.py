@@ -78,7 +78,9 @@ class LawSection(Section):
     corner_entry_speed_m_s: Positive = Field(1.2, description="V_B; comparison: greatest vertical speed")
     corner_mid_speed_m_s: Positive = Field(0.8, description="V_N; unused by comparison")
     traverse_speed_m_s: Positive = Field(2.4, description="V_max; comparison: greatest horizontal speed")
-    overlap: float = Field(0.5, ge=0, le=1, description="comparison only: share of a vertical stroke's time that overlaps the horizontal stroke")
+    overlap: float = Field(
+        0.5, ge=0, le=1, description="comparison only: share of a vertical stroke's time that overlaps the horizontal stroke"
+    )
 
     @model_validator(mode="after")
     def _name(self) -> Self:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from deltaph.errors import DeltaphError
 from deltaph.variables import Model, Variable, variable_table
 
-_C_TYPES = {"Float64": ctypes.c_double, "Int32": ctypes.c_int32, "Boolean": ctypes.c_bool, "Int64": ctypes.c_int64}
+_C_TYPES: dict[str, Any] = {"Float64": ctypes.c_double, "Int32": ctypes.c_int32, "Boolean": ctypes.c_bool, "Int64": ctypes.c_int64}
 
 
 def _fmi_type(variable: Variable) -> str:

@@ -57,7 +57,7 @@ def fmi_headers() -> Path:
 def _first_error(output: str) -> str:
     """The first line of a compiler's output that tells what is wrong."""
     lines = [line for line in output.splitlines() if line.strip()]
-    return next((line for line in lines if "error" in line), lines[0] if lines else "no message")
+    return next((line for line in lines if "error" in line.lower()), lines[0] if lines else "no message")
 
 
 def shared_library(model: Model, version: FmiVersion) -> bytes:
@@ -80,7 +80,7 @@ def shared_library(model: Model, version: FmiVersion) -> bytes:
             *("-o", str(library), "-lm"),
         ]
         try:
-            subprocess.run(arguments, cwd=folder, check=True, capture_output=True, text=True)
+            subprocess.run(arguments, cwd=folder, env=os.environ | {"LC_ALL": "C"}, check=True, capture_output=True, text=True)
             return library.read_bytes()
         except subprocess.CalledProcessError as error:
             raise EnvironmentProblem(f"{command[0]} cannot compile the {model}: {_first_error(error.stderr)}") from error

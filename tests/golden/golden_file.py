@@ -30,7 +30,12 @@ def golden(name: str) -> list[Golden]:
     with (FOLDER / f"{name}.csv").open(encoding="utf-8") as stream:
         return [
             Golden(
-                row["case"], row["quantity"], float(row["value"]), float(row["tolerance"]), float(row["absolute"]), row["provenance"]
+                row["case"],
+                row["quantity"],
+                float(row["value"]),
+                float(row["tolerance"]),
+                float(row["absolute"]),
+                row["provenance"],
             )
             for row in csv.DictReader(stream)
         ]

@@ -80,15 +80,8 @@ class FmiSlave:
         if version == 2:
             instantiate = self.library.fmi2Instantiate
             callbacks = Callbacks2(self._logger)
-            arguments: tuple[Any, ...] = (
-                encoded,
-                0 if model_exchange else 1,
-                guid.encode(),
-                None,
-                c.byref(callbacks),
-                0,
-                int(logging),
-            )
+            kind = 0 if model_exchange else 1
+            arguments: tuple[Any, ...] = (encoded, kind, guid.encode(), None, c.byref(callbacks), 0, int(logging))
         elif model_exchange:
             instantiate = self.library.fmi3InstantiateModelExchange
             arguments = (encoded, guid.encode(), None, False, logging, None, self._logger)

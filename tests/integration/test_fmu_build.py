@@ -7,7 +7,6 @@ import shutil
 import subprocess
 import sys
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -15,7 +14,7 @@ from fmpy import read_model_description
 from fmpy.ssp import ssd
 from fmpy.validation import validate_fmu
 from integration.fmi_slave import FmiSlave
-from lxml import etree
+from lxml import etree  # type: ignore[import-untyped]
 
 from deltaph.errors import DeltaphError, EnvironmentProblem
 from deltaph.fmu import FMI_VERSIONS, build, cached_fmus
@@ -26,24 +25,20 @@ from deltaph.fmu.package import file_name
 from deltaph.fmu.sources import token
 from deltaph.variables import MODELS, Model, variable_table
 
-NAMES = [
-    "DeltaCell-fmi2.ssp",
-    "DeltaCell.ssp",
-    "DeltaPlanner-fmi2.fmu",
-    "DeltaPlanner.fmu",
-    "DeltaPlant-fmi2.fmu",
-    "DeltaPlant.fmu",
-]
+NAMES = {
+    3: ["DeltaCell.ssp", "DeltaPlanner.fmu", "DeltaPlant.fmu"],
+    2: ["DeltaCell-fmi2.ssp", "DeltaPlanner-fmi2.fmu", "DeltaPlant-fmi2.fmu"],
+}
 
 
 def test_files_bear_the_names_others_rely_on(dist: Path) -> None:
-    assert sorted(path.name for path in dist.iterdir()) == NAMES
+    assert sorted(path.name for path in dist.iterdir()) == sorted(NAMES[2] + NAMES[3])
 
 
 def test_returns_what_it_wrote_and_builds_one_version_alone(tmp_path: Path) -> None:
     written = build(tmp_path, [3])
     assert sorted(written) == sorted(tmp_path.iterdir())
-    assert sorted(path.name for path in written) == ["DeltaCell.ssp", "DeltaPlanner.fmu", "DeltaPlant.fmu"]
+    assert sorted(path.name for path in written) == NAMES[3]
 
 
 def test_the_same_sources_give_the_same_bytes(dist: Path, tmp_path: Path) -> None:
@@ -181,9 +176,9 @@ def test_a_file_in_the_way_is_one_sentence(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("compiler", "sentence"),
     [
-        ("no-such-compiler", "named by \\$CC is not there"),
-        ("false", "cannot compile"),
-        (f"{sys.executable} -c import/x", "cannot compile"),
+        ("no-such-compiler", "named by .CC is not there"),
+        ("false", "cannot compile the planner: no message"),
+        ("cc -include no-such-header.h", "cannot compile the planner: .*error: no-such-header.h"),
     ],
 )
 def test_a_compiler_that_does_not_work_is_one_sentence(
@@ -218,8 +213,3 @@ def test_cache_is_made_whole_again(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     cached_fmus()["plant"].unlink()
     assert cached_fmus()["plant"].is_file()
-
-
-@pytest.mark.usefixtures("slave")
-def test_instances_can_be_made(new_slave: Callable[..., FmiSlave]) -> None:
-    assert new_slave("two").component is not None

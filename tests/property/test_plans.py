@@ -96,7 +96,9 @@ def test_derivatives_belong_together(task: Task, law: Law) -> None:
             for what, derivative in (("position", "velocity"), ("velocity", "acceleration"), ("acceleration", "jerk")):
                 slope = (after[f"{kind}_{what}"] - before[f"{kind}_{what}"]) / (2 * h)
                 exact = here[f"{kind}_{derivative}"]
-                assert slope == pytest.approx(exact, rel=2e-3, abs=2e-3 * (np.abs(exact).max() + np.abs(here[f"{kind}_{what}"]).max()))
+                assert slope == pytest.approx(
+                    exact, rel=2e-3, abs=2e-3 * (np.abs(exact).max() + np.abs(here[f"{kind}_{what}"]).max())
+                )
 
 
 @given(tasks(), laws)
@@ -130,8 +132,12 @@ wild = st.floats(allow_nan=True, allow_infinity=True)
 
 
 @given(
-    st.tuples(wild, wild, wild), st.tuples(wild, wild, wild), st.tuples(wild, wild), st.tuples(wild, wild),
-    st.builds(Law, st.sampled_from(["paper", "comparison"]), wild, wild, wild, wild), wild,
+    st.tuples(wild, wild, wild),
+    st.tuples(wild, wild, wild),
+    st.tuples(wild, wild),
+    st.tuples(wild, wild),
+    st.builds(Law, st.sampled_from(["paper", "comparison"]), wild, wild, wild, wild),
+    wild,
 )
 @settings(max_examples=500, deadline=None)
 def test_wild_tasks_are_refused_or_planned_and_never_crash(pick, place, lift, deviation, law, payload) -> None:  # type: ignore[no-untyped-def]

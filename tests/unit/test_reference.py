@@ -215,7 +215,7 @@ def test_swapped_task_runs_the_unequal_ppo_backwards() -> None:
 @pytest.mark.parametrize("name", ["paper", "unequal", "comparison"])
 def test_arc_length_grows_with_the_speed(name: str) -> None:
     ppo, step = plan(name), mp.mpf("1e-12")
-    for time in (mp.mpf("0.0123"), mp.mpf("0.061"), mp.mpf("0.27")):
+    for time in (mp.mpf("0.0123"), mp.mpf("0.061"), mp.mpf("0.17"), mp.mpf("0.27")):
         ahead, behind = (ppo.arc_length(*ppo.locate(time + n * step)) for n in (1, -1))
         index, parameter = ppo.locate(time)
         speed = mp.norm([s.derivative(1) for s in ppo.phases[index].position(parameter, 1)])

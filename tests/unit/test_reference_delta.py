@@ -146,6 +146,17 @@ def test_two_points_carry_the_energy_of_a_continuous_rod() -> None:
     assert agree(kinetic_energy(robot, mp.mpf(0), moving), expected)
 
 
+def test_upper_arm_points_carry_its_inertia_and_weight() -> None:
+    tiny, moving = mp.mpf("1e-60"), state_motion("s04")
+    robot = dataclasses.replace(ROBOT, platform_mass=tiny, forearm_mass=tiny, forearm_inertia=tiny / 100)
+    angles = inverse(robot, moving)
+    inertia = robot.upper_arm_inertia + robot.drive_inertia
+    energy = inertia / 2 * sum(angle.coefficients[1] ** 2 for angle in angles)
+    assert agree(kinetic_energy(robot, mp.mpf(0), moving), energy)
+    height = -robot.upper_arm_centre * sum(mp.sin(angle.coefficients[0]) for angle in angles)
+    assert agree(potential_energy(robot, mp.mpf(0), moving), robot.upper_arm_mass * robot.gravity * height)
+
+
 def test_rods_of_a_platform_at_rest_carry_its_weight_and_half_their_own() -> None:
     position = at_rest([mp.mpf(v) for v in ("0.05", "-0.1", "-0.8")], order=2)
     payload = mp.mpf(1)

@@ -14,9 +14,7 @@ def test_enumerations_are_the_kernels(table: str, kernel: str) -> None:
 
 
 def test_both_fmus_share_the_robot() -> None:
-    planner, plant = (
-        {v.name: v for v in variable_table(model) if v.name.startswith("robot.")} for model in MODELS
-    )
+    planner, plant = ({v.name: v for v in variable_table(model) if v.name.startswith("robot.")} for model in MODELS)
     assert planner == plant
     assert len(planner) == 13
 
@@ -30,7 +28,9 @@ def test_plant_starts_at_rest_in_its_own_inverse_kinematics() -> None:
 
 def test_reflected_drive_inertia_is_that_of_the_drive() -> None:
     plant = variable_table("plant")
-    assert plant["robot.drive_inertia"].start == pytest.approx(plant["drive.gear_ratio"].start ** 2 * (1.51e-4 + 0.30e-4), rel=1e-12)
+    assert plant["robot.drive_inertia"].start == pytest.approx(
+        plant["drive.gear_ratio"].start ** 2 * (1.51e-4 + 0.30e-4), rel=1e-12
+    )
 
 
 def test_every_float_has_a_unit_and_every_input_and_parameter_a_start() -> None:
