@@ -167,22 +167,24 @@ def cosimulate(scenario: Scenario, run: Schedule, fmus: Mapping[Model, Path], *,
         DeltaphError: an FMU refuses its parameters.
     """
     size = run.communication_step_ms / 1000.0
-    with tempfile.TemporaryDirectory(prefix="deltaph-") as directory:
-        with Slave("planner", fmus["planner"], Path(directory)) as planner, Slave("plant", fmus["plant"], Path(directory)) as plant:
-            planner.set(planner_values(scenario))
-            plant.set(plant_values(scenario))
-            link = _Link(planner, plant)
-            requests = _Request(planner, run)
-            planner.initialize(0.0)
-            planner.start()
-            planner.read()
-            plant.initialize(0.0)
-            link.move()
-            plant.inputs[-1] = scenario.payload
-            plant.write()
-            plant.start()
-            plant.read()
-            yield from _loop(planner, plant, link, requests, run.steps, size, realtime)
+    with (
+        tempfile.TemporaryDirectory(prefix="deltaph-") as directory,
+        Slave("planner", fmus["planner"], Path(directory)) as planner,
+        Slave("plant", fmus["plant"], Path(directory)) as plant,
+    ):
+        planner.set(planner_values(scenario))
+        plant.set(plant_values(scenario))
+        link = _Link(planner, plant)
+        requests = _Request(planner, run)
+        planner.initialize(0.0)
+        planner.start()
+        planner.read()
+        plant.initialize(0.0)
+        link.move()
+        plant.write()
+        plant.start()
+        plant.read()
+        yield from _loop(planner, plant, link, requests, run.steps, size, realtime)
 
 
 def _loop(

@@ -196,7 +196,7 @@ def load_scenario(path: Path) -> Scenario:
     """Read a scenario file.
 
     Raises:
-        ScenarioError: it cannot be read, is not TOML, or is not a scenario; the sentence names file, key, value and what would be right.
+        ScenarioError: it cannot be read, is not TOML, or is not a scenario; names file, key, value and what would be right.
     """
     try:
         text = path.read_text(encoding="utf-8")

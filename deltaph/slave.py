@@ -79,11 +79,13 @@ class Slave:
         for fmi_type in sorted({_fmi_type(v) for v in others}):
             of_type = tuple(v for v in others if _fmi_type(v) == fmi_type)
             self._others.append((self._block("Get", of_type, fmi_type), [others.index(v) for v in of_type]))
-        self._inputs = self._block("Set", tuple(v for v in self.table.of("input") if v.is_float), "Float64")
+        inputs = tuple(v for v in self.table.of("input") if v.is_float)
+        self._inputs = self._block("Set", inputs, "Float64")
+        self._input_columns = {v.name: column for column, v in enumerate(inputs)}
         self.outputs: NDArray[np.float64] = self._floats.values
         self.integers = np.zeros(len(others), dtype=np.int32)
         self.inputs: NDArray[np.float64] = self._inputs.values
-        self.inputs[:] = [v.start or 0.0 for v in self.table.of("input") if v.is_float]
+        self.inputs[:] = [v.start or 0.0 for v in inputs]
 
         flags = [ctypes.c_bool() for _ in range(3)]
         self._after_step = (*(ctypes.byref(flag) for flag in flags), ctypes.byref(ctypes.c_double()))
@@ -116,6 +118,8 @@ class Slave:
                 block.move()
             except FMICallException as error:
                 raise DeltaphError(f"{self.table.model} refuses {name} = {value:g}: {self._last_message()}") from error
+            if name in self._input_columns:
+                self.inputs[self._input_columns[name]] = value
 
     def initialize(self, start_time: float) -> None:
         """Enter initialization mode."""

@@ -25,21 +25,15 @@ def file_name(version: FmiVersion) -> str:
 
 
 def _connectors(component: ET.Element, table: VariableTable) -> None:
+    """Inputs and outputs. No enumerations: nothing is connected to them, and libcosim refuses systems that have them."""
     connectors = ET.SubElement(component, "ssd:Connectors")
     for variable in (*table.of("input"), *table.of("output")):
-        connector = ET.SubElement(connectors, "ssd:Connector", {"name": variable.name, "kind": variable.causality})
-        if variable.type in table.enumerations:
-            ET.SubElement(connector, "ssc:Enumeration", {"name": variable.type})
-        else:
+        if variable.type in _TYPES:
+            connector = ET.SubElement(connectors, "ssd:Connector", {"name": variable.name, "kind": variable.causality})
             ET.SubElement(connector, _TYPES[variable.type], {"unit": variable.unit} if variable.unit else {})
 
 
-def _definitions(root: ET.Element, tables: list[VariableTable]) -> None:
-    enumerations = ET.SubElement(root, "ssd:Enumerations")
-    for name, items in {name: items for table in tables for name, items in table.enumerations.items()}.items():
-        enumeration = ET.SubElement(enumerations, "ssc:Enumeration", {"name": name})
-        for value, item in enumerate(items):
-            ET.SubElement(enumeration, "ssc:Item", {"name": item, "value": str(value)})
+def _units(root: ET.Element, tables: list[VariableTable]) -> None:
     units = ET.SubElement(root, "ssd:Units")
     for name in sorted({v.unit for table in tables for v in table if v.unit and v.causality != "parameter"}):
         unit = ET.SubElement(units, "ssc:Unit", {"name": name})
@@ -73,7 +67,7 @@ def system_structure(sources: Mapping[Model, str]) -> bytes:
                     "endConnector": f"joint[{joint}].{reference}",
                 },
             )
-    _definitions(root, tables)
+    _units(root, tables)
     ET.SubElement(root, "ssd:DefaultExperiment", {"startTime": "0.0", "stopTime": repr(STOP_TIME)})
     ET.indent(root)
     return bytes(ET.tostring(root, encoding="UTF-8", xml_declaration=True)) + b"\n"

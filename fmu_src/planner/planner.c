@@ -29,23 +29,27 @@ static dph_task task_from(const Variables *v)
     return task;
 }
 
+/* The task is judged by itself before it is asked whether the robot is there: the first answer helps more. */
 static dph_verdict plan_request(Model *m, dph_plan *plan)
 {
     dph_verdict verdict = {DPH_STATUS_BUSY, DPH_PHASE_IDLE, 0, 0.0, 0.0};
     if (m->is_waiting)
         return verdict;
     dph_task task = task_from(&m->v);
-    double away = sqrt((task.pick[0] - m->rest[0]) * (task.pick[0] - m->rest[0]) +
-                       (task.pick[1] - m->rest[1]) * (task.pick[1] - m->rest[1]) +
-                       (task.pick[2] - m->rest[2]) * (task.pick[2] - m->rest[2]));
+    verdict = dph_plan_make(&m->robot, &task, plan);
+    if (verdict.status != DPH_STATUS_OK)
+        return verdict;
+    double x = task.pick[0] - m->rest[0], y = task.pick[1] - m->rest[1], z = task.pick[2] - m->rest[2];
+    double away = sqrt(x * x + y * y + z * z);
     if (!(away <= at_pick_tolerance)) {
         verdict.status = DPH_STATUS_NOT_AT_PICK;
         verdict.required = away;
         verdict.available = at_pick_tolerance;
-        return verdict;
+    } else if (away > 0.0) {
+        memcpy(task.pick, m->rest, sizeof task.pick);
+        verdict = dph_plan_make(&m->robot, &task, plan);
     }
-    memcpy(task.pick, m->rest, sizeof task.pick);
-    return dph_plan_make(&m->robot, &task, plan);
+    return verdict;
 }
 
 static void report(Model *m, const dph_verdict *verdict, const ModelLog *log)

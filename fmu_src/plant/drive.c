@@ -5,8 +5,8 @@
 
 static const double turn = 2.0 * 3.14159265358979323846;
 
-/* Below this motor speed Coulomb friction is smooth [rad/s]; its slope then stays slow against the integration step. */
-static const double creep = 1.0;
+/* Below this motor speed Coulomb friction is smooth, so that its slope stays slow against the integration step [rad/s]. */
+static const double smooth_speed = 1.0;
 
 static double limited(double x, double limit)
 {
@@ -37,7 +37,7 @@ Drive drive_from(const Variables *v)
 /* Friction [N m] at a motor speed. */
 static double friction(const Drive *drive, double speed)
 {
-    return drive->coulomb * tanh(speed / creep) + drive->viscous * speed;
+    return drive->coulomb * tanh(speed / smooth_speed) + drive->viscous * speed;
 }
 
 /* Motor torque that, after friction and gear loss, is this torque on the joint side. */

@@ -1,0 +1,17 @@
+/* DeltaPlant: the model behind the FMU. */
+#ifndef PLANT_H
+#define PLANT_H
+
+#include "drive.h"
+#include "mechanism.h"
+#include "model_variables.h"
+
+typedef struct {
+    Variables v;
+    Drive drive;
+    Axis axis[3];
+    Mechanism mechanism;
+    uint64_t steps; /* done since the start */
+} Model;
+
+#endif

@@ -1,0 +1,236 @@
+"""Message layouts, generated from the variable tables.
+
+A payload is CDR little-endian: the 4-byte header 00 01 00 00, then fields of fixed size that are aligned relative to byte 4. With the
+8-byte fields first there is no padding, so that any language reads a message with the offsets of the schema and nothing else.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltaph.frame import TIMING, Frame
+from deltaph.telemetry.keys import MESSAGE_NAMES, MessageName
+from deltaph.variables import Model, Variable, variable_table
+
+HEADER = bytes((0, 1, 0, 0))
+"""Encapsulation header of CDR little-endian."""
+
+Records = NDArray[np.void]
+"""Decoded messages of one layout: a structured array (n,)."""
+
+_HEAD = struct.Struct("<4sQdQ")
+_SIZES = {"uint64": 8, "float64": 8, "int32": 4}
+_FORMATS = {"uint64": "<u8", "float64": "<f8", "int32": "<i4"}
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One field of a message.
+
+    Attributes:
+        name: that of the FMU variable.
+        type: on the wire.
+        offset: from the start of the payload, header included [bytes].
+        unit: SI unit, or None for what is not a physical quantity.
+        group: name of the array or scalar it belongs to, such as `joint_position`.
+        items: of an enumeration, numbered from 0; empty where it is none.
+    """
+
+    name: str
+    type: Literal["uint64", "float64", "int32"]
+    offset: int
+    unit: str | None
+    description: str
+    group: str
+    items: tuple[str, ...] = ()
+
+    def schema(self) -> dict[str, Any]:
+        """For JSON."""
+        facts = {"name": self.name, "type": self.type, "unit": self.unit, "offset": self.offset, "description": self.description}
+        return facts | {"enumeration": list(self.items)} if self.items else facts
+
+
+class _Columns(NamedTuple):
+    """Where a block of a message comes from: an array of the frame and columns of it."""
+
+    array: str
+    columns: slice | NDArray[np.intp]
+
+    def of(self, frame: Frame) -> NDArray[Any]:
+        values: NDArray[Any] = getattr(frame, self.array)[self.columns]
+        return values
+
+
+class Layout:
+    """The layout of one message.
+
+    Attributes:
+        key: last chunk of the message's key.
+        name: such as `Setpoint`.
+        encoding: Zenoh encoding, schema suffix included.
+        fields: in order.
+        size: of the payload, header included [bytes].
+        dtype: numpy dtype of the whole payload; its names are the fields'.
+    """
+
+    def __init__(self, key: MessageName, fields: tuple[Field, ...], floats: _Columns, integers: _Columns | None) -> None:
+        self.key = key
+        self.name = key.capitalize()
+        self.encoding = f"application/cdr;deltaph.{self.name};v=1"
+        self.fields = fields
+        self.size = fields[-1].offset + _SIZES[fields[-1].type]
+        self.dtype: np.dtype[np.void] = np.dtype(
+            {
+                "names": [field.name for field in fields],
+                "formats": [_FORMATS[field.type] for field in fields],
+                "offsets": [field.offset for field in fields],
+                "itemsize": self.size,
+            }
+        )
+        self._floats = floats
+        self._integers = integers
+        counts = [sum(field.type == kind for field in fields) for kind in ("float64", "int32")]
+        self._blocks = np.dtype(
+            [
+                ("header", "S4"),
+                ("sequence", "<u8"),
+                ("time", "<f8"),
+                ("unix_time_ns", "<u8"),
+                ("floats", "<f8", (counts[0] - 1,)),
+                ("integers", "<i4", (counts[1],)),
+            ]
+        )
+
+    def encode(self, frame: Frame, sequence: int) -> bytes:
+        """The payload for a frame."""
+        parts = [
+            _HEAD.pack(HEADER, sequence, frame.time, frame.unix_time_ns),
+            self._floats.of(frame).astype("<f8", copy=False).tobytes(),
+        ]
+        if self._integers is not None:
+            parts.append(self._integers.of(frame).astype("<i4", copy=False).tobytes())
+        return b"".join(parts)
+
+    def decode(self, payload: bytes) -> np.void:
+        """The record of a payload.
+
+        Raises:
+            ValueError: it is not of this layout.
+        """
+        if len(payload) != self.size or payload[:4] != HEADER:
+            raise ValueError(
+                f"not a {self.name} message: {len(payload)} bytes that begin with {payload[:4].hex(' ')}, "
+                f"instead of {self.size} that begin with {HEADER.hex(' ')}"
+            )
+        record: np.void = np.frombuffer(payload, self.dtype)[0]
+        return record
+
+    def records(self, frames: Sequence[Frame]) -> Records:
+        """What decoding the messages of frames would give, with their step as sequence number (n,)."""
+        blocks = np.zeros(len(frames), self._blocks)
+        blocks["header"] = HEADER
+        blocks["sequence"] = [frame.step for frame in frames]
+        blocks["time"] = [frame.time for frame in frames]
+        blocks["unix_time_ns"] = [frame.unix_time_ns for frame in frames]
+        if frames:
+            blocks["floats"] = np.stack([self._floats.of(frame) for frame in frames])
+            if self._integers is not None:
+                blocks["integers"] = np.stack([self._integers.of(frame) for frame in frames])
+        return blocks.view(self.dtype)
+
+    def values(self, records: Records, group: str) -> NDArray[Any]:
+        """A group of fields: (n, 3), or (n,) where it is a scalar.
+
+        Raises:
+            KeyError: the message has no such group.
+        """
+        names = [field.name for field in self.fields if field.group == group]
+        if not names:
+            raise KeyError(f"a {self.name} message has no {group!r}")
+        return np.stack([records[name] for name in names], axis=-1) if len(names) > 1 else np.array(records[names[0]])
+
+    def as_dict(self, record: np.void) -> dict[str, float | int]:
+        """Field name -> value."""
+        return dict(zip((field.name for field in self.fields), record.item(), strict=True))
+
+    def schema(self) -> dict[str, Any]:
+        """The layout for JSON: all that a foreign reader needs."""
+        return {
+            "name": self.name,
+            "encoding": self.encoding,
+            "header": HEADER.hex(" "),
+            "size": self.size,
+            "fields": [field.schema() for field in self.fields],
+        }
+
+
+def _fields(names: Sequence[tuple[Literal["uint64", "float64", "int32"], str, str | None, str, str, tuple[str, ...]]]) -> tuple[Field, ...]:
+    offset = len(HEADER)
+    fields = []
+    for kind, name, unit, description, group, items in names:
+        fields.append(Field(name, kind, offset, unit, description, group, items))
+        offset += _SIZES[kind]
+    return tuple(fields)
+
+
+_HEAD_FIELDS: list[Any] = [
+    ("uint64", "sequence", None, "Number of the message; a gap is a loss", "sequence", ()),
+    ("float64", "time", "s", "Simulation time", "time", ()),
+    ("uint64", "unix_time_ns", "ns", "Wall clock when the outputs were read", "unix_time_ns", ()),
+]
+
+
+def _items(model: Model, variable: Variable) -> tuple[str, ...]:
+    if variable.type == "Boolean":
+        return ("false", "true")
+    return () if variable.type == "Int32" else variable_table(model).items(variable.type)
+
+
+def _columns(array: str, outputs: Sequence[Variable], chosen: Sequence[Variable]) -> _Columns:
+    found = np.array([outputs.index(variable) for variable in chosen])
+    if len(found) and np.array_equal(found, np.arange(found[0], found[-1] + 1)):
+        return _Columns(array, slice(int(found[0]), int(found[-1]) + 1))
+    return _Columns(array, found)
+
+
+def _from_outputs(key: MessageName, model: Model, chosen: Sequence[Variable]) -> Layout:
+    """A message of some of an FMU's outputs."""
+    outputs = variable_table(model).of("output")
+    floats = [v for v in chosen if v.is_float]
+    integers = [v for v in chosen if not v.is_float]
+    fields = [("float64", v.name, v.unit, v.description, v.group, ()) for v in floats]
+    fields += [("int32", v.name, None, v.description, v.group, _items(model, v)) for v in integers]
+    return Layout(
+        key,
+        _fields(_HEAD_FIELDS + fields),
+        _columns(f"{model}_floats", [v for v in outputs if v.is_float], floats),
+        _columns(f"{model}_integers", [v for v in outputs if not v.is_float], integers),
+    )
+
+
+@cache
+def layout(key: MessageName) -> Layout:
+    """The layout of a message."""
+    outputs = variable_table("planner").of("output")
+    match key:
+        case "setpoint":
+            return _from_outputs(key, "planner", [v for v in outputs if not v.name.startswith("plan.")])
+        case "plan":
+            return _from_outputs(key, "planner", [v for v in outputs if v.name.startswith("plan.")])
+        case "actual":
+            return _from_outputs(key, "plant", variable_table("plant").of("output"))
+        case "timing":
+            fields = [("float64", name, unit, description, name, ()) for name, unit, description in TIMING]
+            return Layout(key, _fields(_HEAD_FIELDS + fields), _Columns("timing", slice(None)), None)
+
+
+def schema_document() -> dict[str, Any]:
+    """Every message by the last chunk of its key: what the queryable `schema` answers."""
+    return {"messages": {key: layout(key).schema() for key in MESSAGE_NAMES}}

@@ -1,0 +1,150 @@
+"""DeltaPlanner: what it emits is what `deltaph plan` samples; requests are taken, made to wait, or refused as the contract says."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from integration.fmi_slave import OK, FmiSlave
+
+from deltaph.fmu.model_description import FmiVersion
+from deltaph.importer import planner_values, task_inputs
+from deltaph.outputs import planner_columns
+from deltaph.plan import Plan
+from deltaph.scenario import Scenario, Task, load_scenario
+from deltaph.variables import variable_table
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+TABLE = variable_table("planner")
+STATUS = TABLE.items("PlanStatus")
+
+
+@pytest.fixture
+def planner(dist: Path, version: FmiVersion, tmp_path: Path) -> Iterator[FmiSlave]:
+    slave = FmiSlave(dist, "planner", version, tmp_path)
+    yield slave
+    slave.free()
+
+
+def set_all(slave: FmiSlave, values: dict[str, float]) -> None:
+    for name, value in values.items():
+        number = int(value) if not TABLE[name].is_float else value
+        assert slave.put({name: number}) == OK, slave.messages
+
+
+def play(slave: FmiSlave, first: int, steps: int) -> np.ndarray:
+    """Outputs after each of the steps that begin at step `first`."""
+    rows = []
+    for n in range(first, first + steps):
+        assert slave.step(n * 1e-3) == OK, slave.messages
+        rows.append(slave.outputs())
+    return np.array(rows, dtype=np.float64)
+
+
+def expected(plan: Plan, steps: int) -> np.ndarray:
+    return np.column_stack(list(planner_columns(plan, np.arange(steps + 1) / 1000.0).values()))
+
+
+@pytest.mark.parametrize("name", ["paper", "comparison", "oblique", "tight_corner"])
+def test_emits_what_plan_samples_bit_for_bit(planner: FmiSlave, name: str) -> None:
+    scenario = load_scenario(SCENARIOS / f"{name}.toml")
+    plan = Plan.of(scenario)
+    set_all(planner, planner_values(scenario))
+    planner.initialize()
+    steps = plan.duration_ms + 20
+    rows = np.vstack([planner.outputs(), play(planner, 0, steps)])
+    assert (rows == expected(plan, steps)).all()
+
+
+def test_unedited_planner_runs_the_papers_case(planner: FmiSlave) -> None:
+    plan = Plan.of(load_scenario(SCENARIOS / "paper.toml"))
+    planner.initialize()
+    rows = np.vstack([planner.outputs(), play(planner, 0, 310)])
+    assert (rows == expected(plan, 310)).all()
+
+
+def test_start_time_and_long_steps_change_nothing(planner: FmiSlave) -> None:
+    planner.initialize(start=10.0)
+    plan = Plan.of(load_scenario(SCENARIOS / "paper.toml"))
+    for n in range(0, 300, 25):
+        assert planner.step(10.0 + n * 1e-3, 25e-3) == OK, planner.messages
+        assert planner.outputs() == expected(plan, n + 25)[-1].tolist()
+
+
+def back(scenario: Scenario) -> Task:
+    return scenario.task.reversed()
+
+
+def test_a_waiting_request_starts_in_the_step_in_which_the_first_arrives(planner: FmiSlave) -> None:
+    scenario = load_scenario(SCENARIOS / "paper.toml")
+    there, again = Plan.of(scenario), Plan(scenario.robot, back(scenario), scenario.law)
+    planner.initialize()
+    play(planner, 0, 100)
+    set_all(planner, {**task_inputs(back(scenario)), "task.trigger": 2})
+    rows = play(planner, 100, 2 * 303 - 100)
+    outputs = [v.name for v in TABLE.of("output")]
+    position = rows[:, [outputs.index(f"tcp.position.{axis}") for axis in "xyz"]]
+    both = np.vstack([there.sample(np.arange(303) / 1000)["tcp_position"], again.sample(np.arange(304) / 1000)["tcp_position"]])
+    assert (position == both[101:]).all()
+    assert rows[0][outputs.index("plan.count")] == 2
+    assert rows[-1][outputs.index("plan.busy")] == 0
+    assert rows[-2][outputs.index("plan.busy")] == 1
+
+
+def test_a_third_request_is_refused_as_busy_and_zero_never_asks(planner: FmiSlave) -> None:
+    scenario = load_scenario(SCENARIOS / "paper.toml")
+    planner.initialize()
+    set_all(planner, {**task_inputs(back(scenario)), "task.trigger": 2})
+    play(planner, 0, 1)
+    assert planner.get("plan.count") == [2]
+    set_all(planner, {"task.trigger": 0})
+    play(planner, 1, 1)
+    assert planner.get("plan.count", "plan.refused") == [2, 0]
+    set_all(planner, {"task.trigger": 3})
+    play(planner, 2, 1)
+    assert STATUS[int(planner.get("plan.status")[0])] == "busy"
+    assert planner.get("plan.count", "plan.refused") == [2, 1]
+
+
+def test_a_pick_point_elsewhere_is_refused_and_the_robot_stays(planner: FmiSlave) -> None:
+    planner.initialize()
+    play(planner, 0, 310)
+    rest = planner.outputs()[:12]
+    set_all(planner, {"task.trigger": 2})  # the pick point is still where the first PPO began
+    play(planner, 310, 3)
+    assert STATUS[int(planner.get("plan.status")[0])] == "not_at_pick"
+    assert planner.get("plan.required")[0] == pytest.approx(0.305)
+    assert planner.outputs()[:12] == rest
+    assert any("rests 305 mm away from the pick point" in text for _, _, text in planner.messages)
+
+
+@pytest.mark.parametrize(
+    ("values", "status"),
+    [
+        ({"task.corner_deviation_pick": 0.012}, "lift_too_low"),
+        ({"task.place.x": -0.1525}, "traverse_too_short"),
+        ({"task.place.x": 0.9}, "unreachable"),
+        ({"task.lift_place": 0.06}, "not_level"),
+        ({"task.corner_deviation_place": 0.0}, "invalid_value"),
+        ({"task.pick.z": -1.5, "task.place.z": -1.5}, "unreachable"),
+    ],
+)
+def test_an_infeasible_task_is_a_result_and_the_robot_rests(planner: FmiSlave, values: dict[str, float], status: str) -> None:
+    set_all(planner, values)
+    planner.initialize()
+    rows = np.vstack([planner.outputs(), play(planner, 0, 5)])
+    assert np.isfinite(rows).all()
+    assert (rows == rows[0]).all()
+    assert STATUS[int(planner.get("plan.status")[0])] == status
+    assert planner.get("plan.count", "plan.refused") == [0, 1]
+    required, available = planner.get("plan.required", "plan.available")
+    assert required != available
+    assert planner.messages
+
+
+def test_the_task_is_that_of_the_moment_of_the_request(planner: FmiSlave) -> None:
+    planner.initialize()
+    play(planner, 0, 10)
+    set_all(planner, {"task.place.x": 0.1, "task.corner_deviation_pick": 0.012})
+    rows = play(planner, 10, 300)
+    assert rows[-1][12] == 0.1525
