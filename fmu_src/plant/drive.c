@@ -34,23 +34,32 @@ Drive drive_from(const Variables *v)
     return drive;
 }
 
+/* Direction of motion, -1 to 1. */
+static double direction(double speed)
+{
+    return tanh(speed / smooth_speed);
+}
+
 /* Friction [N m] at a motor speed. */
 static double friction(const Drive *drive, double speed)
 {
-    return drive->coulomb * tanh(speed / smooth_speed) + drive->viscous * speed;
+    return drive->coulomb * direction(speed) + drive->viscous * speed;
 }
 
-/* Motor torque that, after friction and gear loss, is this torque on the joint side. */
-static double motor_torque(const Drive *drive, double joint_torque, double joint_velocity)
-{
-    double speed = drive->gear_ratio * joint_velocity;
-    return (joint_torque / drive->gear_ratio + friction(drive, speed)) / drive->gear_efficiency;
-}
-
+/* The gear loses (1 - efficiency) of the torque against the motion, whichever side drives: it never gives energy. */
 double drive_joint_torque(const Drive *drive, double torque, double joint_velocity)
 {
     double speed = drive->gear_ratio * joint_velocity;
-    return drive->gear_ratio * (drive->gear_efficiency * torque - friction(drive, speed));
+    double loss = (1.0 - drive->gear_efficiency) * fabs(torque) * direction(speed);
+    return drive->gear_ratio * (torque - loss - friction(drive, speed));
+}
+
+/* The inverse: motor torque that makes this torque on the joint side; the loss changes no signs. */
+static double motor_torque(const Drive *drive, double joint_torque, double joint_velocity)
+{
+    double speed = drive->gear_ratio * joint_velocity;
+    double passed = joint_torque / drive->gear_ratio + friction(drive, speed);
+    return passed / (1.0 - (1.0 - drive->gear_efficiency) * copysign(direction(speed), passed * speed));
 }
 
 double axis_torque(const Drive *drive, const Axis *axis, int halves)

@@ -123,9 +123,9 @@ def test_a_pick_point_elsewhere_is_refused_and_the_robot_stays(planner: FmiSlave
     [
         ({"task.corner_deviation_pick": 0.012}, "lift_too_low"),
         ({"task.place.x": -0.1525}, "traverse_too_short"),
-        ({"task.place.x": 0.9}, "unreachable"),
+        ({"task.place.x": 0.9}, "joint_range"),
         ({"task.lift_place": 0.06}, "not_level"),
-        ({"task.corner_deviation_place": 0.0}, "invalid_value"),
+        ({"task.corner_deviation_place": -0.001}, "invalid_value"),
         ({"task.pick.z": -1.5, "task.place.z": -1.5}, "unreachable"),
     ],
 )
