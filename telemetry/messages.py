@@ -7,8 +7,8 @@ A payload is CDR little-endian: the 4-byte header 00 01 00 00, then fields of fi
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, Literal, NamedTuple
 
@@ -171,20 +171,21 @@ class Layout:
         }
 
 
-def _fields(names: Sequence[tuple[Literal["uint64", "float64", "int32"], str, str | None, str, str, tuple[str, ...]]]) -> tuple[Field, ...]:
+_HEAD_FIELDS = (
+    Field("sequence", "uint64", 0, None, "Number of the message; a gap is a loss", "sequence"),
+    Field("time", "float64", 0, "s", "Simulation time", "time"),
+    Field("unix_time_ns", "uint64", 0, "ns", "Wall clock when the outputs were read", "unix_time_ns"),
+)
+
+
+def _placed(fields: Iterable[Field]) -> tuple[Field, ...]:
+    """The head and these fields, one after the other."""
+    placed: list[Field] = []
     offset = len(HEADER)
-    fields = []
-    for kind, name, unit, description, group, items in names:
-        fields.append(Field(name, kind, offset, unit, description, group, items))
-        offset += _SIZES[kind]
-    return tuple(fields)
-
-
-_HEAD_FIELDS: list[Any] = [
-    ("uint64", "sequence", None, "Number of the message; a gap is a loss", "sequence", ()),
-    ("float64", "time", "s", "Simulation time", "time", ()),
-    ("uint64", "unix_time_ns", "ns", "Wall clock when the outputs were read", "unix_time_ns", ()),
-]
+    for field in (*_HEAD_FIELDS, *fields):
+        placed.append(replace(field, offset=offset))
+        offset += _SIZES[field.type]
+    return tuple(placed)
 
 
 def _items(model: Model, variable: Variable) -> tuple[str, ...]:
@@ -205,11 +206,11 @@ def _from_outputs(key: MessageName, model: Model, chosen: Sequence[Variable]) ->
     outputs = variable_table(model).of("output")
     floats = [v for v in chosen if v.is_float]
     integers = [v for v in chosen if not v.is_float]
-    fields = [("float64", v.name, v.unit, v.description, v.group, ()) for v in floats]
-    fields += [("int32", v.name, None, v.description, v.group, _items(model, v)) for v in integers]
+    fields = [Field(v.name, "float64", 0, v.unit, v.description, v.group) for v in floats]
+    fields += [Field(v.name, "int32", 0, None, v.description, v.group, _items(model, v)) for v in integers]
     return Layout(
         key,
-        _fields(_HEAD_FIELDS + fields),
+        _placed(fields),
         _columns(f"{model}_floats", [v for v in outputs if v.is_float], floats),
         _columns(f"{model}_integers", [v for v in outputs if not v.is_float], integers),
     )
@@ -227,8 +228,8 @@ def layout(key: MessageName) -> Layout:
         case "actual":
             return _from_outputs(key, "plant", variable_table("plant").of("output"))
         case "timing":
-            fields = [("float64", name, unit, description, name, ()) for name, unit, description in TIMING]
-            return Layout(key, _fields(_HEAD_FIELDS + fields), _Columns("timing", slice(None)), None)
+            fields = [Field(name, "float64", 0, unit, description, name) for name, unit, description in TIMING]
+            return Layout(key, _placed(fields), _Columns("timing", slice(None)), None)
 
 
 def schema_document() -> dict[str, Any]:
