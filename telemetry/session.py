@@ -22,6 +22,7 @@ _QUEUE_BATCHES = 16
 _WAIT_BEFORE_DROP_US = 100_000
 
 _FREE_PORT_ATTEMPTS = 5
+_PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws", "unixsock-stream")  # what the wheel of eclipse-zenoh is built with
 
 
 def _config(mode: str, listen: Sequence[str], connect: Sequence[str], **more: Any) -> zenoh.Config:
@@ -36,18 +37,19 @@ def _config(mode: str, listen: Sequence[str], connect: Sequence[str], **more: An
     }
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
-    for key, endpoints in (("listen/endpoints", listen), ("connect/endpoints", connect)):
-        try:
-            config.insert_json5(key, json.dumps(list(endpoints)))
-        except zenoh.ZError as error:
-            raise EnvironmentProblem(f"{', '.join(endpoints)} is not a Zenoh endpoint: write it like {DEFAULT_ENDPOINT}") from error
+    for endpoint in (*listen, *connect):
+        protocol, _, address = endpoint.partition("/")
+        if protocol not in _PROTOCOLS or not address:
+            raise EnvironmentProblem(f"{endpoint!r} is not a Zenoh endpoint: write it like {DEFAULT_ENDPOINT}")
+    config.insert_json5("listen/endpoints", json.dumps(list(listen)))
+    config.insert_json5("connect/endpoints", json.dumps(list(connect)))
     return config
 
 
 def _reason(error: zenoh.ZError) -> str:
-    """Zenoh's reason without the places in its sources."""
-    text = re.sub(r" at /\S+", "", str(error)).strip(" .")
-    inner = re.search(r"\[[^\[\]]*?: ([^\[\]]+?)( \(os error \d+\))?\]", text)
+    """Zenoh's reason without the places in its sources: `address already in use`."""
+    text = re.sub(r" at /\S+?:\d+\.?", "", str(error))
+    inner = re.search(r"\[\S+: ([^\[\]]+?)(?: \(os error \d+\))?\]", text)
     return (inner.group(1) if inner else text).strip(" .!").lower()
 
 
@@ -113,5 +115,5 @@ def open_client_session(connect: Sequence[str] = (DEFAULT_ENDPOINT,), timeout: f
             return zenoh.open(config)
         except zenoh.ZError as error:
             if deadline is not None and time.monotonic() >= deadline:
-                raise EnvironmentProblem(f"nothing answers on {' or '.join(connect)}: {_reason(error)}") from error
+                raise EnvironmentProblem(f"nothing answers on {' or '.join(connect)} within {timeout:g} s") from error
             time.sleep(0.05)  # between two attempts, so that waiting costs nothing

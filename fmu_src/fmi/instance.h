@@ -32,7 +32,7 @@ typedef struct {
     uint32_t version;
     uint64_t size;     /* of the whole snapshot [bytes] */
     uint64_t build;    /* hash of the token: states of another build do not fit */
-    uint64_t checksum; /* of everything behind it; 0 except in serialized form */
+    uint64_t checksum; /* of everything behind it; means something in serialized form only */
     double start_time; /* [s] */
     double stop_time;  /* [s]; INFINITY where the importer gave none */
     uint64_t steps;    /* of MODEL_STEP, done since start_time */

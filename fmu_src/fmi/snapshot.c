@@ -184,7 +184,6 @@ Status instance_deserialize(const Instance *instance, const void *bytes, size_t 
         free(snapshot);
         return status;
     }
-    snapshot->checksum = 0;
     *state = snapshot;
     return STATUS_OK;
 }

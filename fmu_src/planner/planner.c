@@ -14,6 +14,7 @@ static const double at_pick_tolerance = 1e-6;
 static dph_task task_from(const Variables *v)
 {
     dph_task task;
+    memset(&task, 0, sizeof task); /* padding too: equal states have equal bytes */
     memcpy(task.pick, v->task_pick, sizeof task.pick);
     memcpy(task.place, v->task_place, sizeof task.place);
     task.lift[0] = v->task_lift_pick;

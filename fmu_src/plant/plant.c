@@ -159,7 +159,11 @@ static void trip(Model *m, int32_t reason, const char *sentence, double steps, c
 static void stop(Model *m, const dph_verdict *verdict, double steps, const ModelLog *log)
 {
     char sentence[256];
-    dph_verdict_text(verdict, sentence, (int)sizeof sentence);
+    if (verdict->status == DPH_STATUS_JOINT_RANGE)
+        snprintf(sentence, sizeof sentence, "joint %d has come to %.4g rad, where its travel ends at %.4g rad", verdict->joint,
+                 verdict->required, verdict->available);
+    else
+        dph_verdict_text(verdict, sentence, (int)sizeof sentence);
     if (m->v.trip == TRIP_NONE)
         trip(m, TRIP_KINEMATICS, sentence, steps, log);
     mechanism_lock(&m->mechanism);
