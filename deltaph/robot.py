@@ -75,6 +75,5 @@ class Robot:
         """Elbow positions (n, 3 arms, 3) [m] for joint positions (n, 3) [rad]."""
         theta = np.ascontiguousarray(joint_position, dtype=np.float64)
         elbows = np.empty((len(theta), 3, 3))
-        for row, elbow in zip(theta, elbows, strict=True):
-            lib.dph_elbows(self.struct, ffi.from_buffer("double[3]", row), ffi.from_buffer("double[3][3]", elbow))
+        lib.dph_elbows(self.struct, len(theta), ffi.from_buffer("double[]", theta), ffi.from_buffer("double[]", elbows))
         return elbows

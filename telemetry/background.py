@@ -11,53 +11,54 @@ from deltaph.frame import Frame, Sink
 class BackgroundSink:
     """Hands frames to another sink in a worker thread, over a queue of limited length.
 
-    Attributes:
-        dropped: frames that the sink did not get, because the queue was full or because the sink had failed.
-
     Args:
-        sink: what works in the thread; it is closed by `close`, in the caller's thread.
+        sink: what works in the thread; `close` closes it, in the caller's thread.
         capacity: frames that may wait.
     """
 
     def __init__(self, sink: Sink, capacity: int) -> None:
         if capacity < 1:
             raise ValueError(f"capacity is {capacity}: at least one frame must be able to wait")
-        self.dropped = 0
         self._sink = sink
         self._capacity = capacity
         self._queue: SimpleQueue[Frame | threading.Event | None] = SimpleQueue()
+        self._refused = 0  # written by the caller's thread
+        self._lost = 0  # written by the worker
         self._error: BaseException | None = None
-        self._lost = 0
         self._closed = False
-        self._thread = threading.Thread(target=self._work, name=f"{type(sink).__name__}-worker", daemon=True)
+        self._thread = threading.Thread(target=self._work, name=type(sink).__name__, daemon=True)
         self._thread.start()
+
+    @property
+    def dropped(self) -> int:
+        """Frames that the sink did not get: the queue was full, or the sink had failed."""
+        return self._refused + self._lost
 
     def take(self, frame: Frame) -> None:
         """Queue a frame, or count it as dropped. Never blocks; to be called from one thread."""
         if self._queue.qsize() >= self._capacity:
-            self.dropped += 1
+            self._refused += 1
         else:
             self._queue.put(frame)
 
     def drain(self) -> None:
-        """Wait until the sink has taken everything that waits."""
-        done = threading.Event()
-        self._queue.put(done)
-        done.wait()
-        self.dropped, self._lost = self.dropped + self._lost, 0
+        """Wait until the sink has taken all that waits."""
+        reached = threading.Event()
+        self._queue.put(reached)
+        reached.wait()
 
     def close(self) -> None:
-        """Drain, end the thread and close the sink. A second call does nothing.
+        """Drain, end the thread, close the sink. A second call does nothing.
 
         Raises:
             BaseException: what the sink raised in the thread.
         """
         if self._closed:
             return
-        self._closed = True
         self.drain()
         self._queue.put(None)
         self._thread.join()
+        self._closed = True
         try:
             self._sink.close()
         finally:
@@ -73,6 +74,6 @@ class BackgroundSink:
             else:
                 try:
                     self._sink.take(item)
-                except BaseException as error:  # raised again by close, where somebody listens
+                except BaseException as error:  # close raises it, where somebody listens
                     self._error = error
                     self._lost += 1

@@ -1,8 +1,7 @@
-"""Publishes frames over Zenoh, and answers what a newcomer asks."""
+"""Publishes a cell over Zenoh: its frames, that it lives, and what a newcomer asks for."""
 
 from __future__ import annotations
 
-import contextlib
 import json
 import time
 from collections.abc import Callable, Sequence
@@ -11,18 +10,18 @@ import zenoh
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import Frame
-from deltaph.telemetry.keys import CellKeys, MessageName, QueryName
+from deltaph.telemetry.keys import QUERY_NAMES, CellKeys, MessageName, QueryName
 from deltaph.telemetry.messages import layout, schema_document
 from deltaph.telemetry.session import open_cell_session
+from deltaph.variables import variable_table
 
 _PER_FRAME: tuple[MessageName, ...] = ("setpoint", "actual", "timing")
-_JSON = zenoh.Encoding.APPLICATION_JSON
 
 
 class Publisher:
-    """A sink that publishes a cell: its messages, its liveliness token and its queryables.
+    """A sink that publishes.
 
-    The sequence number of `setpoint`, `actual` and `timing` is the frame's step, so that a frame that never came here is a gap there.
+    The sequence number of `setpoint`, `actual` and `timing` is the frame's step, so that a frame that never came here shows as a gap.
 
     Attributes:
         endpoints: where it listens.
@@ -40,11 +39,95 @@ class Publisher:
     """
 
     def __init__(self, cell: str, scenario_json: str, *, listen: Sequence[str] = (), connect: Sequence[str] = ()) -> None:
-        self.published = 0
         self._keys = CellKeys(cell)
-        self._layouts = [(layout(name), name) for name in _PER_FRAME]
-        self._plan = layout("plan")
-        self._decided = (0, 0)
+        self._session, self.endpoints = open_cell_session(listen, connect)
+        self.published = 0
         self._plans = 0
-        plan_fields = [field.name for field in self._plan.fields]
-        self._decisions = [plan_fields.index(name) - plan_fields.index("plan.status") for name in ("plan.count", "plan.refused")]
+        self._decided = (0, 0)
+        integers = [v.name for v in variable_table("planner").of("output") if not v.is_float]
+        self._count, self._refused = integers.index("plan.count"), integers.index("plan.refused")
+        self._answers: dict[QueryName, tuple[bytes, zenoh.Encoding]] = {}
+        self._answer("schema", json.dumps(schema_document()))
+        self._answer("scenario", scenario_json)
+        self._messages = [(layout(name), self._publisher(name)) for name in _PER_FRAME]
+        self._plan, self._plan_publisher = layout("plan"), self._publisher("plan")
+        self._queryables = [self._session.declare_queryable(self._keys.of(name), self._answering(name)) for name in QUERY_NAMES]
+        self._token = self._session.liveliness().declare_token(self._keys.token)
+
+    def take(self, frame: Frame) -> None:
+        """Publish a frame, and the plan where one was accepted or refused since the last one."""
+        decided = int(frame.planner_integers[self._count]), int(frame.planner_integers[self._refused])
+        if decided != self._decided:
+            self._decided = decided
+            payload = self._plan.encode(frame, self._plans)
+            self._plans += 1
+            self._answers["plan"] = (payload, zenoh.Encoding(self._plan.encoding))
+            self._plan_publisher.put(payload)
+        for message, publisher in self._messages:
+            publisher.put(message.encode(frame, frame.step))
+        self.published += 1
+
+    def set_summary(self, summary_json: str) -> None:
+        """What the queryable `summary` answers from now on; also sent to the subscribers on `close`, after all messages."""
+        self._answer("summary", summary_json)
+
+    def subscribers(self) -> int:
+        """Number of other sessions that subscribe to messages of the cell; those behind one router count once."""
+        own = str(self._session.zid())
+        root = f"@/{own}/peer/subscriber/"
+        everything = zenoh.KeyExpr(self._keys.everything)
+        found: set[str] = set()
+        for reply in self._session.get(root + "**", timeout=1.0):
+            if reply.ok is not None and everything.intersects(str(reply.ok.key_expr).removeprefix(root)):
+                found.update(*json.loads(reply.ok.payload.to_string()).values())
+        return len(found - {own})
+
+    def wait_for_subscribers(self, count: int, timeout: float) -> None:
+        """Wait until so many sessions subscribe to messages of the cell.
+
+        Args:
+            count: at least.
+            timeout: [s].
+
+        Raises:
+            EnvironmentProblem: they do not come in time.
+        """
+        deadline = time.monotonic() + timeout
+        while (found := self.subscribers()) < count:
+            if time.monotonic() >= deadline:
+                raise EnvironmentProblem(f"{found} of {count} Zenoh subscribers came within {timeout:g} s to {', '.join(self.endpoints)}")
+            time.sleep(0.01)  # between two looks, so that waiting costs nothing
+
+    def close(self) -> None:
+        """Send the summary, withdraw the token, close the session. A second call does nothing."""
+        if self._session.is_closed():
+            return
+        if "summary" in self._answers:
+            payload, encoding = self._answers["summary"]
+            block = zenoh.CongestionControl.BLOCK  # it ends the stream: it may wait, and must not be lost
+            self._session.put(self._keys.of("summary"), payload, encoding=encoding, congestion_control=block)
+        self._token.undeclare()
+        self._session.close()
+
+    def _publisher(self, name: MessageName) -> zenoh.Publisher:
+        return self._session.declare_publisher(
+            self._keys.of(name),
+            encoding=zenoh.Encoding(layout(name).encoding),
+            congestion_control=zenoh.CongestionControl.DROP,
+            express=False,
+        )
+
+    def _answer(self, name: QueryName, document: str) -> None:
+        self._answers[name] = (document.encode(), zenoh.Encoding.APPLICATION_JSON)
+
+    def _answering(self, name: QueryName) -> Callable[[zenoh.Query], None]:
+        key = self._keys.of(name)
+
+        def reply(query: zenoh.Query) -> None:
+            if name in self._answers:
+                payload, encoding = self._answers[name]
+                query.reply(key, payload, encoding=encoding)
+            else:
+                query.reply_err(f"there is no {name} yet".encode())
+
+        return reply

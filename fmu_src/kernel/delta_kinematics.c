@@ -124,13 +124,13 @@ double dph_dexterity(const dph_robot *robot, const double theta[3], const double
     return fmin(least, fabs(dot(s[0], normal)) / (forearm * forearm * forearm));
 }
 
-void dph_elbows(const dph_robot *robot, const double theta[3], double elbow[3][3])
+void dph_elbows(const dph_robot *robot, int n, const double *theta, double *elbow)
 {
-    for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3 * n; ++j) {
         dph_arm arm;
-        arm_at(robot, i, theta[i], &arm);
+        arm_at(robot, j % 3, theta[j], &arm);
         for (int k = 0; k < 3; ++k)
-            elbow[i][k] = arm.elbow[k];
+            elbow[3 * j + k] = arm.elbow[k];
     }
 }
 

@@ -102,9 +102,9 @@ int dph_forward_kinematics(const dph_robot *robot, const double theta[3], double
  * Cost:     constant. */
 double dph_dexterity(const dph_robot *robot, const double theta[3], const double point[3]);
 
-/* Elbow positions, for drawing the robot.
- * Given: theta (3) [rad]. Returned: elbow (3 arms, 3) [m]. Cost: six trigonometric functions. */
-void dph_elbows(const dph_robot *robot, const double theta[3], double elbow[3][3]);
+/* Elbow positions, for drawing the robot in n poses.
+ * Given: theta (n, 3) [rad]. Returned: elbow (n, 3 arms, 3) [m]. Cost: six trigonometric functions a pose. */
+void dph_elbows(const dph_robot *robot, int n, const double *theta, double *elbow);
 
 /* Motion of the joints that goes with a motion of the tool centre point, by differentiating |s_i|^2 = forearm length^2.
  * Given:    theta (3) that belongs to the point; velocity, acceleration, jerk (3) of the point [m/s, m/s^2, m/s^3].

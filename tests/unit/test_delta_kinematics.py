@@ -85,8 +85,7 @@ def test_inverse_kinematics_undoes_forward_kinematics(theta: Vector) -> None:
 
 def test_elbows_point_outwards() -> None:
     theta = inverse(np.array([0.0, 0.0, -0.8]))[1]
-    elbows = np.empty((3, 3))
-    lib.dph_elbows(ROBOT.struct, view(theta), ffi.from_buffer("double[3][3]", elbows))
+    elbows = ROBOT.elbows(theta[None])[0]
     outwards = np.sum(elbows * DIRECTION, axis=1)
     assert np.all(outwards > ROBOT.parameters["robot.base_radius"])
     assert elbows == pytest.approx(forearms(theta, np.zeros(3)) * -1.0 + ROBOT.parameters["robot.platform_radius"] * DIRECTION)
