@@ -155,6 +155,44 @@ def print_run(
     print_checks(console, checks)
 
 
+def summary_markdown(scenario: Scenario, plan: Plan, execution: Execution, trace: Trace, checks: Sequence[Check]) -> str:
+    """The summary of a run as the text of a recording: the verdict first."""
+    tolerance = deviation_tolerance(scenario)
+    rows, kept = [], True
+    for i, side in enumerate(("pick side", "place side")):
+        executed = side_deviations(execution, i)
+        if executed:
+            prescribed, worst = plan.task.corner_deviation[i], max(executed)
+            kept = kept and worst <= prescribed + tolerance
+            verdict = "kept" if worst <= prescribed + tolerance else "**not kept**"
+            rows.append(f"| {side} | {1e3 * prescribed:g} | {1e3 * plan.corner_deviation[i]:.4f} | {1e3 * worst:.4f} | {verdict} |")
+    timing = timing_facts(trace)
+    lines = [
+        f"# Deviation {'kept' if kept else 'NOT kept'} in the machine",
+        "",
+        scenario.title,
+        "",
+        f"| corner deviation | prescribed, mm | planned, mm | executed, mm | within {1e3 * tolerance:g} mm |",
+        "|---|---|---|---|---|",
+        *rows,
+        "",
+        f"- law {plan.law.name}, {1e3 * plan.duration:g} ms, {scenario.gains} drive gains, payload {scenario.payload:g} kg",
+        f"- tracking error at most {1e3 * execution.tracking_error_tcp_max:.4f} mm at the tcp, "
+        f"{1e3 * execution.tracking_error_joint_max:.4f} mrad at a joint",
+        f"- excursion outside the right angles at most {1e3 * execution.overshoot:.4f} mm",
+        f"- motor torque at most {max(execution.motor_torque_max):.2f} N m, rms {max(execution.motor_torque_rms):.2f} N m",
+        f"- trip: {execution.trip}",
+        f"- step of both FMUs: median {timing['step_us']['p50']:.0f} us; real-time factor {timing['real_time_factor']:.2f}",
+        "",
+    ]
+    if checks:
+        lines += ["| expectation | found | expected | |", "|---|---|---|---|"]
+        for c in checks:
+            found = f"{c.value:.5g}" if isinstance(c.value, float) else c.value
+            lines.append(f"| {c.name} | {found} | {c.limit} | {'ok' if c.ok else '**missed**'} |")
+    return "\n".join(lines) + "\n"
+
+
 def side_deviations(execution: Execution, side: int) -> list[float]:
     """Executed deviations [m] at the corner above the pick (0) or the place point (1) of the first operation.
 

@@ -91,7 +91,8 @@ class Scenario:
     Attributes:
         title: one line.
         path: the file it came from.
-        text: the file's content.
+        document: the file's content as parsed.
+        sha256: hash of the file's content.
         payload: mass [kg].
         gains: name of the drives' gain set.
         communication_step: whole number of milliseconds.
@@ -102,7 +103,8 @@ class Scenario:
 
     title: str
     path: Path
-    text: str
+    document: Mapping[str, Any]
+    sha256: str
     robot: Robot
     task: Task
     law: Law
@@ -117,12 +119,7 @@ class Scenario:
     @property
     def json(self) -> str:
         """The file's content as JSON, for telemetry and recordings."""
-        return json.dumps({"file": self.path.name, "sha256": self.sha256, **tomllib.loads(self.text)})
-
-    @property
-    def sha256(self) -> str:
-        """Hash of the file's content."""
-        return hashlib.sha256(self.text.encode()).hexdigest()
+        return json.dumps({"file": self.path.name, "sha256": self.sha256, **self.document})
 
 
 def _si(section: BaseModel) -> dict[str, Any]:
@@ -213,9 +210,29 @@ def parse_scenario(text: str, path: Path) -> Scenario:
         ScenarioError: as `load_scenario`.
     """
     try:
-        file = ScenarioFile.model_validate(tomllib.loads(text))
+        document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{path}: not TOML: {error}") from error
+    return _parse(document, path, hashlib.sha256(text.encode()).hexdigest())
+
+
+def scenario_from_json(text: str) -> Scenario:
+    """The scenario of `Scenario.json`, as a cell publishes it.
+
+    Raises:
+        ScenarioError: it is not one.
+    """
+    try:
+        document = json.loads(text)
+        path, sha256 = Path(document.pop("file")), document.pop("sha256")
+    except (ValueError, KeyError, AttributeError) as error:
+        raise ScenarioError(f"the cell's scenario is not one of deltaph's: {error}") from error
+    return _parse(document, path, sha256)
+
+
+def _parse(document: Mapping[str, Any], path: Path, sha256: str) -> Scenario:
+    try:
+        file = ScenarioFile.model_validate(document)
     except ValidationError as error:
         # A misspelt key is reported as one unknown and one missing: the first of the two says more.
         errors = sorted(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
@@ -230,7 +247,8 @@ def parse_scenario(text: str, path: Path) -> Scenario:
     return Scenario(
         title=file.title,
         path=path,
-        text=text,
+        document=document,
+        sha256=sha256,
         robot=Robot.default(**robot),
         task=Task(
             pick=task["pick"],

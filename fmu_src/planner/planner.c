@@ -142,8 +142,9 @@ int model_initialize(void *model, const ModelLog *log)
 
     dph_verdict verdict = dph_robot_check(&m->robot);
     if (verdict.status != DPH_STATUS_OK) {
-        m->v.plan_status = (int32_t)verdict.status;
-        report(m, &verdict, log);
+        char sentence[256];
+        dph_verdict_text(&verdict, sentence, (int)sizeof sentence);
+        log->write(log->context, MESSAGE_ERROR, sentence);
         return 0;
     }
     rest_at_pick(m);

@@ -1,0 +1,130 @@
+"""The main job: scenario in; frames, telemetry, recording, summary and verdict out."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import Progress
+
+from deltaph.checks import evaluate_expectations, executed_values, planned_values
+from deltaph.execution import Trace, evaluate
+from deltaph.fmu import cached_fmus
+from deltaph.frame import Frame, Sink
+from deltaph.importer import Schedule, cosimulate, schedule
+from deltaph.report import executed_facts, plan_facts, print_run, summary_markdown, timing_facts
+from deltaph.scenario import load_scenario
+from deltaph.scene import scene_of
+
+QUEUE_FRAMES = 20_000
+"""Frames that may wait for a sink: 20 s at 1 kHz, some 20 MB."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """How to run a scenario; see `deltaph run --help`."""
+
+    record: Path | None = None
+    realtime: bool = False
+    cycles: int | None = None
+    telemetry: bool = True
+    connect: tuple[str, ...] = ()
+    listen: tuple[str, ...] = ()
+    wait_subscribers: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What came of a run.
+
+    Attributes:
+        frames: all of them.
+        facts: the JSON report.
+        ok: every expectation is met and the plant did not trip.
+    """
+
+    frames: Sequence[Frame]
+    facts: dict[str, Any]
+    ok: bool
+
+
+def run_scenario(path: Path, options: Options, console: Console, log: Console) -> Result:
+    """Run a scenario file and print its summary.
+
+    Args:
+        path: the scenario.
+        options: how to run it.
+        console: for the summary.
+        log: for progress and remarks.
+
+    Raises:
+        DeltaphError: the scenario, the plan or the machine do not allow it; nothing is left half-written.
+    """
+    scenario = load_scenario(path)
+    run = schedule(scenario, options.cycles)
+    for operation in run.operations[:2]:
+        operation.plan.require_within(scenario.limits)
+    plan = run.operations[0].plan
+    with log.status("building the FMUs"):
+        fmus = cached_fmus()
+
+    with ExitStack() as stack:
+        publisher = recorder = publishing = recording = None
+        if options.telemetry:
+            from deltaph.telemetry import BackgroundSink, Publisher
+
+            publisher = Publisher(scenario.cell, scenario.json, listen=options.listen, connect=options.connect)
+            publishing = BackgroundSink(publisher, QUEUE_FRAMES)
+            stack.callback(publishing.close)
+            log.print(f"cell {scenario.cell} on {', '.join(publisher.endpoints)}", style="dim")
+        if options.record is not None:
+            from deltaph.telemetry import BackgroundSink, Recorder
+
+            recorder = Recorder(options.record, scene_of(scenario, plan))
+            recording = BackgroundSink(recorder, QUEUE_FRAMES)
+            stack.callback(recording.close)
+        sinks = [sink for sink in (publishing, recording) if sink is not None]
+        if publisher is not None and options.wait_subscribers:
+            with log.status(f"waiting for {options.wait_subscribers} subscribers"):
+                publisher.wait_for_subscribers(options.wait_subscribers, 60.0)
+
+        frames: list[Frame] = []
+        for frame in _with_progress(cosimulate(scenario, run, fmus, realtime=options.realtime), run, log):
+            frames.append(frame)
+            for sink in sinks:
+                sink.take(frame)
+        for sink in sinks:
+            sink.drain()
+
+        trace = Trace(frames)
+        execution = evaluate(trace, run)
+        checks = evaluate_expectations(scenario.expect, planned_values(plan) | executed_values(execution))
+        facts = {
+            "scenario": str(path),
+            "law": scenario.law.name,
+            "steps": run.steps,
+            "communication_step_s": run.communication_step_ms / 1000.0,
+            "plan": plan_facts(plan),
+            "executed": executed_facts(execution),
+            "timing": timing_facts(trace),
+            "telemetry": {
+                "published": publisher.published if publisher is not None else 0,
+                "dropped": publishing.dropped if publishing is not None else 0,
+            },
+            "recording": str(options.record) if options.record is not None else None,
+            "expect": [check.as_dict() for check in checks],
+        }
+        if publisher is not None:
+            publisher.set_summary(json.dumps(facts))
+        if recorder is not None:
+            recorder.summary(summary_markdown(scenario, plan, execution, trace, checks), json.dumps(facts))
+
+    print_run(console, scenario, plan, execution, trace, checks)
+    if options.record is not None:
+        log.print(f"recorded {options.record}: open it with `deltaph view {options.record}`", style="dim")
+    return Result(frames, facts, execution.trip == "none" and all(check.ok for check in checks))

@@ -1,0 +1,190 @@
+"""The command line as a user meets it: a process, its output, its exit code; every failure is one line and leaves nothing behind."""
+
+import csv
+import json
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from deltaph.scenario import template
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+PAPER = SCENARIOS / "paper.toml"
+DELTAPH = Path(sys.executable).with_name("deltaph")
+
+
+def deltaph(*arguments: object, cwd: Path, env: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:
+    command = [str(DELTAPH), *map(str, arguments)]
+    return subprocess.run(command, cwd=cwd, env={**os.environ, **(env or {})}, capture_output=True, text=True, timeout=120, check=False)
+
+
+def assert_refused(result: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
+    assert result.returncode == code, result.stderr
+    lines = result.stderr.splitlines()
+    assert len(lines) == 1, result.stderr
+    assert "Traceback" not in result.stderr
+    for word in words:
+        assert word in lines[0], lines[0]
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_version_and_help(tmp_path: Path) -> None:
+    assert deltaph("--version", cwd=tmp_path).stdout.startswith("deltaph ")
+    for command in ("init", "schema", "plan", "build", "run", "record", "view"):
+        result = deltaph(command, "--help", cwd=tmp_path)
+        assert result.returncode == 0, result.stderr
+        assert "Usage" in result.stdout
+
+
+def test_init_writes_a_scenario_that_plans_and_never_overwrites(tmp_path: Path) -> None:
+    assert deltaph("init", cwd=tmp_path).returncode == 0
+    assert deltaph("plan", "scenario.toml", cwd=tmp_path).returncode == 0
+    assert_refused(deltaph("init", cwd=tmp_path), 2, "scenario.toml exists")
+
+
+def test_schema_is_json_schema(tmp_path: Path) -> None:
+    schema = json.loads(deltaph("schema", cwd=tmp_path).stdout)
+    assert set(schema["properties"]) >= {"schema", "title", "robot", "task", "law", "limits", "payload", "drive", "run", "expect"}
+    assert schema["additionalProperties"] is False
+
+
+def test_plan_reports_and_writes_everything(tmp_path: Path) -> None:
+    result = deltaph("plan", PAPER, "--json", "plan.json", "--csv", "plan.csv", "--plot", "plan.png", "--sample-ms", 0.5, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "303 ms" in result.stdout
+    report = json.loads((tmp_path / "plan.json").read_text())
+    assert set(report) == {"scenario", "law", "plan", "phases"}
+    assert report["plan"]["duration_s"] == 0.303
+    assert report["plan"]["corner_deviation_m"] == [0.006, 0.006]
+    assert [p["name"] for p in report["phases"]] == ["lift", "pick_corner", "accelerate", "decelerate", "place_corner", "lower"]
+    rows = table(tmp_path / "plan.csv")
+    assert len(rows) == 607
+    assert float(rows[1]["time"]) == 0.0005
+    assert (tmp_path / "plan.png").read_bytes().startswith(b"\x89PNG")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["plan.csv", "plan.json", "plan.png"]
+
+
+def test_dash_is_standard_output_and_tables_go_elsewhere(tmp_path: Path) -> None:
+    result = deltaph("plan", PAPER, "--json", "-", cwd=tmp_path)
+    assert json.loads(result.stdout)["law"] == "paper"
+    assert "corner deviation" in result.stderr
+
+
+def test_infeasible_is_exit_code_3_with_the_numbers(tmp_path: Path) -> None:
+    for command in ("plan", "run"):
+        result = deltaph(command, SCENARIOS / "infeasible.toml", cwd=tmp_path)
+        assert_refused(result, 3, "corner deviation 12 mm does not fit lift height 50 mm: at most 8.53 mm")
+
+
+def test_a_plan_beyond_its_limits_is_infeasible(tmp_path: Path) -> None:
+    (tmp_path / "slow.toml").write_text(template() + "\n[limits]\njoint_velocity_rad_s = 4.0\n")
+    result = deltaph("run", "slow.toml", cwd=tmp_path)
+    assert_refused(result, 3, "joint 1 velocity reaches 4.418", "limit of 4 rad/s")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code", "words"),
+    [
+        ("lift_mm", "lift_m", 2, ["unknown key task.lift_m", "did you mean lift_mm?"]),
+        ("corner_deviation_mm = 6.0 ", "corner_deviation_mm = nan ", 2, ["task.corner_deviation_mm is nan"]),
+        ("place_mm = [152.5", "place_mm = [-152.5", 3, ["pick and place are only 0 mm apart"]),
+        ("place_mm = [152.5", "place_mm = [900.0", 3, ["joint"]),
+    ],
+)
+def test_bad_scenarios(tmp_path: Path, old: str, new: str, code: int, words: list[str]) -> None:
+    text = template()
+    assert old in text
+    (tmp_path / "bad.toml").write_text(text.replace(old, new))
+    for command in ("plan", "run"):
+        assert_refused(deltaph(command, "bad.toml", cwd=tmp_path), code, *words)
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.toml"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["plan"], ["Missing argument", "SCENARIO"]),
+        (["plan", "none.toml"], ["cannot read scenario none.toml"]),
+        (["plan", PAPER, "--sample-ms", "0"], ["--sample-ms is 0"]),
+        (["plan", PAPER, "--plot", "plan.xyz"], ["plan.xyz", "png"]),
+        (["plan", PAPER, "--csv", "nowhere/plan.csv"], ["there is no directory nowhere"]),
+        (["run", PAPER, "--record", "nowhere/paper.rrd"], ["there is no directory nowhere"]),
+        (["run", PAPER, "--json", "."], ["it is a directory"]),
+        (["run", PAPER, "--cycles", "0"], ["--cycles"]),
+        (["run", PAPER, "--listen", "nonsense"], ["'nonsense' is not a Zenoh endpoint"]),
+        (["build", "--fmi", "4"], ["--fmi is '4'"]),
+        (["build", "--platform", "amiga"], ["amiga"]),
+        (["view", "none.rrd"], ["there is no recording none.rrd"]),
+        (["fly"], ["No such command"]),
+    ],
+)
+def test_bad_arguments(tmp_path: Path, arguments: list[object], words: list[str]) -> None:
+    assert_refused(deltaph(*arguments, cwd=tmp_path), 2, *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_compiler(tmp_path: Path) -> None:
+    result = deltaph("run", PAPER, cwd=tmp_path, env={"PATH": str(tmp_path), "CC": ""})
+    assert_refused(result, 2, "C compiler")
+
+
+def test_endpoint_in_use(tmp_path: Path) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        result = deltaph("run", PAPER, "--listen", f"tcp/127.0.0.1:{port}", "--record", "paper.rrd", cwd=tmp_path)
+    assert_refused(result, 2, f"tcp/127.0.0.1:{port}", "in use")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_build_works_from_any_directory(tmp_path: Path) -> None:
+    result = deltaph("build", "-o", "out", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "DeltaCell-fmi2.ssp",
+        "DeltaCell.ssp",
+        "DeltaPlanner-fmi2.fmu",
+        "DeltaPlanner.fmu",
+        "DeltaPlant-fmi2.fmu",
+        "DeltaPlant.fmu",
+    ]
+
+
+def test_run_reports_planned_and_executed_side_by_side(tmp_path: Path) -> None:
+    result = deltaph("run", PAPER, "--no-telemetry", "--json", "run.json", "--csv", "run.csv", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    report = json.loads((tmp_path / "run.json").read_text())
+    assert set(report) == {
+        "scenario", "law", "steps", "communication_step_s", "plan", "executed", "timing", "telemetry", "recording", "expect",
+    }  # fmt: skip
+    assert report["steps"] == 353
+    assert report["executed"]["corner_deviation_m"] == pytest.approx([0.006, 0.006], abs=5e-5)
+    assert report["executed"]["trip"] == "none"
+    assert all(check["ok"] for check in report["expect"])
+    rows = table(tmp_path / "run.csv")
+    assert len(rows) == 354
+    assert {"time", "joint[1].position", "plan.status", "plant.joint[1].position", "plant.trip"} <= set(rows[0])
+    assert "kept in the machine" in result.stdout
+
+
+def test_factory_gains_lose_the_deviation_and_the_summary_says_so(tmp_path: Path) -> None:
+    result = deltaph("run", SCENARIOS / "factory_gains.toml", "--no-telemetry", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr  # that it is lost is what the scenario expects
+    line = next(line for line in result.stdout.splitlines() if line.startswith("pick side"))
+    assert "6.0000" in line
+    assert "9.1" in line
+    assert "no" in line
+
+
+def test_a_missed_expectation_is_exit_code_1(tmp_path: Path) -> None:
+    (tmp_path / "strict.toml").write_text(template().replace("{ max = 0.1 }", "{ max = 0.01 }"))
+    assert deltaph("run", "strict.toml", "--no-telemetry", cwd=tmp_path).returncode == 1

@@ -1,0 +1,275 @@
+"""DeltaPlant: rests where it starts, follows its reference, trips when it has to, and stays finite whatever it is given."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from integration.fmi_slave import ERROR, OK, FmiSlave
+
+from deltaph.execution import Execution, Trace, evaluate
+from deltaph.fmu import cached_fmus
+from deltaph.fmu.model_description import FmiVersion
+from deltaph.importer import cosimulate, schedule
+from deltaph.robot import Robot
+from deltaph.scenario import load_scenario
+from deltaph.variables import variable_table
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+TABLE = variable_table("plant")
+TRIPS = TABLE.items("Trip")
+QUANTUM = 2.0 * np.pi / 2**20 / 20.0  # of the encoder, at the joint [rad]
+POSITIONS = [f"joint[{i}].position" for i in (1, 2, 3)]
+INPUTS = [v.name for v in TABLE.of("input")]
+
+
+@pytest.fixture
+def new_plant(dist: Path, version: FmiVersion, tmp_path: Path) -> Iterator[Callable[[], FmiSlave]]:
+    """Makes plants, and frees them."""
+    plants: list[FmiSlave] = []
+
+    def make() -> FmiSlave:
+        plants.append(FmiSlave(dist, "plant", version, tmp_path))
+        return plants[-1]
+
+    yield make
+    for plant in plants:
+        plant.free()
+
+
+@pytest.fixture
+def plant(new_plant: Callable[[], FmiSlave]) -> FmiSlave:
+    return new_plant()
+
+
+def run(plant: FmiSlave, first: int, steps: int) -> np.ndarray:
+    """Outputs after each of the steps that begin at step `first`."""
+    rows = []
+    for n in range(first, first + steps):
+        assert plant.step(n * 1e-3) == OK, plant.messages
+        rows.append(plant.outputs())
+    return np.array(rows, dtype=np.float64)
+
+
+def trip(plant: FmiSlave) -> str:
+    return TRIPS[int(plant.get("trip")[0])]
+
+
+def executed(name: str) -> Execution:
+    scenario = load_scenario(SCENARIOS / f"{name}.toml")
+    planned = schedule(scenario)
+    return evaluate(Trace(list(cosimulate(scenario, planned, cached_fmus()))), planned)
+
+
+# Rest
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {},
+        TABLE.gains["factory"],
+        {"payload.mass": 1.0},
+        {"joint[1].torque_ff": 0.0, "joint[2].torque_ff": 5.0},
+    ],
+    ids=["unedited", "factory gains", "payload", "wrong feed-forward"],
+)
+def test_robot_rests_where_it_starts(plant: FmiSlave, values: dict[str, float]) -> None:
+    assert not values or plant.put(values) == OK
+    plant.initialize()
+    start = plant.get(*POSITIONS)
+    rows = run(plant, 0, 1000)
+    columns = [[v.name for v in TABLE.of("output")].index(name) for name in POSITIONS]
+    assert np.abs(rows[:, columns] - start).max() < QUANTUM
+    assert np.abs(plant.get("joint[1].velocity", "joint[2].velocity", "joint[3].velocity")).max() < 1e-9
+    assert trip(plant) == "none"
+
+
+def test_robot_rests_at_another_start(plant: FmiSlave) -> None:
+    point = np.array([0.1, 0.13, -0.75])
+    theta = Robot.default().inverse_kinematics(point)
+    assert plant.put(dict(zip(("start.x", "start.y", "start.z"), point, strict=True))) == OK
+    assert plant.put({f"joint[{i + 1}].position_ref": theta[i] for i in range(3)}) == OK
+    plant.initialize()
+    run(plant, 0, 100)
+    assert plant.get("tcp.position.x", "tcp.position.y", "tcp.position.z") == pytest.approx(point, abs=1e-9)
+
+
+def test_start_values_of_the_reference_are_those_of_the_start_point(plant: FmiSlave) -> None:
+    plant.initialize()
+    references, torques = ([f"joint[{i}].{name}" for i in (1, 2, 3)] for name in ("position_ref", "torque_ff"))
+    assert plant.get(*references) == plant.get(*POSITIONS)
+    assert [TABLE[name].start for name in torques] == pytest.approx(
+        plant.get("joint[1].torque", "joint[2].torque", "joint[3].torque"), abs=1e-14
+    )
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        ({"start.z": -1.4}, "out of reach of arm 1"),
+        ({"start.x": 0.0, "start.z": -1.1394}, "too close to a singularity"),
+        ({"start.x": 0.3, "start.z": -0.5}, "joint 1 would have to turn to"),
+        ({"robot.upper_arm_length": 0.0}, "the robot is not valid"),
+        ({"robot.drive_inertia": 0.0, "robot.upper_arm_inertia": 0.0}, "the robot is not valid"),
+        ({"drive.position_gain": 1e300}, "drive.position_gain is 1e+300: at most 1e+09"),
+    ],
+)
+def test_what_cannot_start_is_refused_with_the_reason(plant: FmiSlave, values: dict[str, float], reason: str) -> None:
+    assert plant.put(values) == OK
+    assert plant.enter() == OK
+    assert plant.call("ExitInitializationMode") == ERROR
+    assert any(reason in message for _, _, message in plant.messages)
+
+
+# The paper's case
+
+
+def test_tuned_drives_keep_the_papers_path() -> None:
+    result = executed("paper")
+    assert result.tracking_error_tcp_max < 0.1e-3
+    assert result.corner_deviation == pytest.approx((6e-3, 6e-3), abs=0.05e-3)
+    assert result.tracking_error_joint_max < 0.25e-3
+    assert max(result.motor_torque_max) == pytest.approx(2.76, abs=0.05)
+    assert max(result.motor_torque_rms) == pytest.approx(0.926, abs=0.02)
+    assert result.trip == "none"
+
+
+def test_factory_gains_lag_behind_and_cut_the_corner() -> None:
+    result = executed("factory_gains")
+    assert result.tracking_error_tcp_max == pytest.approx(31e-3, abs=0.5e-3)
+    assert result.corner_deviation[0] == pytest.approx(9.2e-3, abs=0.1e-3)
+    assert result.trip == "none"
+
+
+# Steps
+
+
+def test_a_long_step_is_as_many_single_ones_with_the_reference_extrapolated(new_plant: Callable[[], FmiSlave]) -> None:
+    plants = new_plant(), new_plant()
+    for plant in plants:
+        plant.initialize()
+    n, position, velocity, acceleration = 20, plants[0].get(*POSITIONS), 0.8, -12.0
+    for plant, size in zip(plants, (n, 1), strict=True):
+        for k in range(0, n, size):
+            t = k * 1e-3
+            values = {
+                f"joint[{i + 1}].{name}": value
+                for i in range(3)
+                for name, value in (
+                    ("position_ref", position[i] + velocity * t + acceleration * t**2 / 2),
+                    ("velocity_ref", velocity + acceleration * t),
+                    ("acceleration_ref", acceleration),
+                )
+            }
+            assert plant.put(values) == OK
+            assert plant.step(t, size * 1e-3) == OK
+    one, many = (np.array(plant.outputs()) for plant in plants)
+    assert np.abs(plants[0].get(*POSITIONS)[0] - position[0]) > 0.01
+    # rounding of the reference may move an encoder reading by a count
+    scale = np.array([{"rad": 1.0, "m": 1.0, None: 1.0}.get(v.unit, 1e4) for v in TABLE.of("output")])
+    assert (np.abs(one - many) <= 2.0 * QUANTUM * scale).all()
+
+
+def test_instances_are_independent(new_plant: Callable[[], FmiSlave]) -> None:
+    still, moving = new_plant(), new_plant()
+    for plant in (still, moving):
+        plant.initialize()
+    before = still.outputs()
+    assert moving.put({"joint[1].velocity_ref": 1.0}) == OK
+    run(moving, 0, 5)
+    assert still.outputs() == before
+    run(still, 0, 5)
+    assert moving.outputs() != still.outputs()
+    assert still.get(*POSITIONS) == before[:3]
+
+
+def test_payload_takes_effect_at_once(plant: FmiSlave) -> None:
+    plant.initialize()
+    rods = [f"rod[{i}].force" for i in (1, 2, 3)]
+    before = sum(plant.get(*rods))
+    assert plant.put({"payload.mass": 2.0}) == OK
+    assert plant.step(0.0) == OK
+    assert sum(plant.get(*rods)) > before + 10.0
+    assert plant.get("tcp.velocity.z")[0] < 0.0
+
+
+# Trips
+
+
+def test_deviation_trips_and_the_trip_latches(plant: FmiSlave) -> None:
+    plant.initialize()
+    home = plant.get("joint[2].position")[0]
+    assert plant.put({"joint[2].position_ref": home + 0.2}) == OK
+    assert plant.step(0.0) == OK
+    assert trip(plant) == "position_deviation"
+    said = [message for _, _, message in plant.messages if "tripped" in message]
+    assert len(said) == 1
+    assert "tripped after 0.000 steps of 1 ms: joint 2 is 0.2 rad away from its reference, at most 0.15 rad" in said[0]
+
+    assert plant.put({"joint[2].position_ref": home}) == OK
+    rows = run(plant, 1, 300)
+    assert trip(plant) == "position_deviation"
+    assert (rows[0] == rows[-1]).all()
+    assert plant.get("motor[1].torque", "motor[2].torque", "motor[3].torque") == [0.0] * 3
+
+
+def test_a_moving_robot_brakes_to_a_standstill(plant: FmiSlave) -> None:
+    plant.initialize()
+    home = np.array(plant.get(*POSITIONS))
+    for n in range(100):  # all arms down, up to 4 rad/s
+        t = n * 1e-3
+        reference = {
+            f"joint[{i + 1}].{name}": value
+            for i in range(3)
+            for name, value in (("position_ref", home[i] + 20.0 * t**2), ("velocity_ref", 40.0 * t), ("acceleration_ref", 40.0))
+        }
+        assert plant.put(reference) == OK
+        assert plant.step(t) == OK
+    assert trip(plant) == "none"
+    at_trip, speed = plant.get("joint[2].position", "joint[2].velocity")
+    assert speed > 3.5
+    assert plant.put({"joint[3].position_ref": 5.0}) == OK
+    run(plant, 100, 200)
+    stopped, speed = plant.get("joint[2].position", "joint[2].velocity")
+    assert speed == 0.0
+    assert 0.01 < stopped - at_trip < 0.2
+
+
+def test_overspeed_trips(plant: FmiSlave) -> None:
+    values = {"drive.speed_max": 10.0, "trip_threshold.overspeed": 1.0, "trip_threshold.position_deviation": 10.0}
+    assert plant.put(values) == OK
+    plant.initialize()
+    assert plant.put({"joint[3].position_ref": 2.0}) == OK
+    run(plant, 0, 100)
+    assert trip(plant) == "overspeed"
+    assert any("motor 3 runs at" in message and "at most 10 rad/s" in message for _, _, message in plant.messages)
+
+
+def test_a_joint_that_leaves_its_range_stops_there(plant: FmiSlave) -> None:
+    assert plant.put({"trip_threshold.position_deviation": 10.0, "trip_threshold.overspeed": 100.0}) == OK
+    plant.initialize()
+    assert plant.put({f"joint[{i}].position_ref": -3.0 for i in (1, 2, 3)}) == OK
+    rows = run(plant, 0, 1000)
+    assert trip(plant) == "kinematics"
+    assert np.isfinite(rows).all()
+    assert plant.get("joint[1].velocity") == [0.0]
+
+
+wild = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.tuples(st.sampled_from(INPUTS), wild), min_size=1, max_size=4), st.integers(1, 50))
+def test_outputs_are_finite_whatever_the_inputs_are(
+    new_plant: Callable[[], FmiSlave], values: list[tuple[str, float]], n: int
+) -> None:
+    plant = new_plant()
+    plant.initialize()
+    for name, value in values:
+        plant.put({name: abs(value) if name == "payload.mass" else value})
+    for k in range(3):
+        assert plant.step(k * n * 1e-3, n * 1e-3) == OK
+        assert np.isfinite(plant.outputs()).all()
