@@ -1,13 +1,12 @@
-"""Which entity of a recording shows which fields of the messages. Entities, series names and units come from the layouts."""
+"""What a recording plots: which entity shows which fields. Entities, series names and units come from the message layouts."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import partial
 from itertools import groupby
-from typing import Literal
 
 import numpy as np
 import rerun as rr
@@ -20,7 +19,7 @@ from deltaph.telemetry.scene import Scene
 FloatArray = NDArray[np.float64]
 Color = tuple[int, int, int]
 
-PLANNED: Color = (120, 150, 200)
+PLANNED: Color = (110, 150, 230)
 EXECUTED: Color = (255, 150, 40)
 LIMIT: Color = (235, 60, 60)
 JOINTS: tuple[Color, ...] = ((86, 180, 233), (240, 200, 60), (40, 190, 140))
@@ -28,7 +27,7 @@ AXES: tuple[Color, ...] = ((230, 90, 90), (110, 200, 90), (90, 140, 240))
 
 _HEAD = ("sequence", "time", "unix_time_ns")
 _ENTITIES = {"path/vertex_distance": "path/deviation"}
-_DERIVED = ("joint_tracking_error", "tcp_tracking_error")  # recorded as setpoint - actual; the plant's own figures are the same
+_JOINED = ("joint_tracking_error", "tcp_tracking_error")  # recorded as setpoint - actual, which is what the plant's own figures are
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,58 +37,96 @@ class Signal:
     Attributes:
         entity: such as `joint/position/setpoint`.
         message: where its values come from.
-        group: the message's fields.
         names: of the series, with unit.
+        values: records (n,) -> SI values (n,) or (n, series).
     """
 
     entity: str
     message: MessageName
-    group: str
     names: tuple[str, ...]
-
-    @property
-    def style(self) -> rr.SeriesLines:
-        """Joints differ by colour; a setpoint is broad and dark, an actual value thin and bright above it."""
-        setpoint = self.entity.endswith("/setpoint")
-        if len(self.names) == 1:
-            colors: Sequence[Color] = (PLANNED if setpoint else EXECUTED,)
-        else:
-            colors = AXES if self.entity.startswith("tcp") else JOINTS
-        if setpoint:
-            colors = [(r // 2 + 20, g // 2 + 20, b // 2 + 20) for r, g, b in colors]
-        return rr.SeriesLines(names=list(self.names), colors=list(colors), widths=[5.0 if setpoint else 1.5] * len(self.names))
+    values: Callable[[Records], FloatArray]
 
 
-def _recorded(message: MessageName) -> Iterator[Signal]:
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """Constant lines beside a signal.
+
+    Attributes:
+        entity: such as `joint/velocity/limit`.
+        names: of the lines, with unit.
+        values: SI.
+    """
+
+    entity: str
+    names: tuple[str, ...]
+    values: tuple[float, ...]
+
+
+def style(entity: str, names: Sequence[str]) -> rr.SeriesLines:
+    """How an entity's lines look: joints differ by colour; setpoints are broad and dark, actual values thin and bright above them."""
+    *_, role = entity.split("/")
+    if role in ("limit", "limit_below"):
+        colors: Sequence[Color] = [LIMIT] * len(names)
+    elif len(names) == 1:
+        colors = [PLANNED if role == "setpoint" else EXECUTED]
+    else:
+        colors = AXES if entity.startswith("tcp") else JOINTS
+    if role == "setpoint":
+        colors = [(r // 2 + 20, g // 2 + 20, b // 2 + 20) for r, g, b in colors]
+    return rr.SeriesLines(names=list(names), colors=list(colors), widths=[5.0 if role == "setpoint" else 1.5] * len(names))
+
+
+def _group(message: MessageName, group: str, records: Records) -> FloatArray:
+    return layout(message).values(records, group)
+
+
+def _speed(message: MessageName, records: Records) -> FloatArray:
+    speed: FloatArray = np.linalg.norm(layout(message).values(records, "tcp_velocity"), axis=1)
+    return speed
+
+
+def _fields(message: MessageName) -> Iterator[Signal]:
     """The Float64 fields of a message, group by group."""
-    fields = [f for f in layout(message).fields if f.type == "float64" and f.name not in _HEAD and f.group not in _DERIVED]
+    fields = [f for f in layout(message).fields if f.type == "float64" and f.name not in _HEAD and f.group not in _JOINED]
     for group, members in groupby(fields, key=lambda field: field.group):
         names = [(field.name, field.unit) for field in members]
         entity = re.sub(r"\[\d\]|\.[xyz]$", "", names[0][0]).replace(".", "/")
         entity = f"timing/{entity}" if message == "timing" else f"{_ENTITIES.get(entity, entity)}/{message}"
-        yield Signal(entity, message, group, tuple(f"{name} {message} [{unit}]" for name, unit in names))
+        yield Signal(entity, message, tuple(f"{name} {message} [{unit}]" for name, unit in names), partial(_group, message, group))
 
 
-@cache
-def signals() -> tuple[Signal, ...]:
-    """All that is recorded as it stands in the messages."""
-    return tuple(signal for message in ("setpoint", "actual", "timing") for signal in _recorded(message))
-
-
-DEVIATION = Signal("path/deviation/actual", "actual", "tcp_position", ("path.vertex_distance actual [m]",))
-SPEED = {
-    message: Signal(f"tcp/speed/{message}", message, "tcp_velocity", (f"tcp.speed {message} [m/s]",)) for message in ("setpoint", "actual")
-}
-ERRORS = (
-    Signal("joint/tracking_error", "actual", "joint_position", tuple(f"joint[{i}].tracking_error [rad]" for i in (1, 2, 3))),
-    Signal("tcp/tracking_error", "actual", "tcp_position", tuple(f"tcp.tracking_error.{axis} [m]" for axis in "xyz")),
-)
-
-
-def limits(scene: Scene) -> dict[str, FloatArray]:
-    """Entity -> values of the limits that are recorded: one where all are equal, the lower ones beside the upper ones."""
-    units = {"joint_velocity": "rad/s"}
-    found = {"path/deviation/limit": np.unique(scene.corner_deviation)}
-    for quantity, value in scene.limits.items():
-        ...
+def signals(scene: Scene) -> list[Signal]:
+    """All that comes from one message: its fields, the tool's speed, and the executed path's distance to the nearer vertex."""
+    found = [signal for message in ("setpoint", "actual", "timing") for signal in _fields(message)]
+    found += [Signal(f"tcp/speed/{m}", m, (f"tcp.speed {m} [m/s]",), partial(_speed, m)) for m in ("setpoint", "actual")]
+    found.append(
+        Signal(
+            "path/deviation/actual",
+            "actual",
+            ("path.vertex_distance actual [m]",),
+            lambda records: scene.vertex_distance(layout("actual").values(records, "tcp_position")),
+        )
+    )
     return found
+
+
+TRACKING_ERRORS = {
+    "joint/tracking_error": ("joint_position", tuple(f"joint[{i}].tracking_error [rad]" for i in (1, 2, 3))),
+    "tcp/tracking_error": ("tcp_position", tuple(f"tcp.tracking_error.{axis} [m]" for axis in "xyz")),
+}
+"""Entity -> the group of which setpoint and actual value are subtracted, and the names of the series."""
+
+
+def limits(scene: Scene) -> Iterator[Limit]:
+    """The limits of what is recorded; one line where all joints have the same, and the same below zero where a signal has a sign."""
+    units = {signal.entity.rpartition("/")[0]: signal.names[0].rpartition(" ")[2] for signal in signals(scene)}
+    prescribed = ("path/deviation", tuple(np.unique(scene.corner_deviation).tolist()))
+    given = [(quantity.replace("_", "/", 1), tuple(np.unique(value).tolist())) for quantity, value in scene.limits.items()]
+    for entity, values in (prescribed, *given):
+        finite = tuple(value for value in values if np.isfinite(value))
+        if entity not in units or not finite:
+            continue
+        names = tuple(f"{entity.replace('/', '.')} limit {units[entity]}" for _ in finite)
+        yield Limit(f"{entity}/limit", names, finite)
+        if entity.startswith("joint"):
+            yield Limit(f"{entity}/limit_below", names, tuple(-value for value in finite))

@@ -1,0 +1,120 @@
+"""Writes Rerun recordings, from frames or from decoded messages, with the same content. Imports Rerun, which takes a second."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+
+from deltaph.errors import EnvironmentProblem
+from deltaph.frame import Frame
+from deltaph.telemetry.blueprint import blueprint
+from deltaph.telemetry.keys import MessageName
+from deltaph.telemetry.messages import Layout, Records, layout
+from deltaph.telemetry.scene import Scene
+from deltaph.telemetry.signals import TRACKING_ERRORS, limits, signals, style
+from deltaph.telemetry.world import MovingWorld, still_world
+
+APPLICATION_ID = "deltaph"
+
+_RECORDED: tuple[MessageName, ...] = ("setpoint", "actual", "timing")
+_LANES: tuple[tuple[str, MessageName, str], ...] = (("phase", "setpoint", "path.phase"), ("trip", "actual", "trip"))
+
+
+class Recorder:
+    """A sink that writes a recording. Rows are written in chunks, and what is left on `close`.
+
+    Args:
+        path: file to write; checked, and only touched when everything that can fail before the first frame has not failed.
+        scene: what does not move.
+        chunk: frames that are written at once; writing them takes a few milliseconds.
+
+    Raises:
+        EnvironmentProblem: the file cannot be written.
+    """
+
+    def __init__(self, path: Path, scene: Scene, *, chunk: int = 1000) -> None:
+        self._chunk = chunk
+        self._frames: list[Frame] = []
+        self._messages: dict[MessageName, list[np.void]] = {name: [] for name in _RECORDED}
+        self._signals = signals(scene)
+        self._limits = list(limits(scene))
+        self._world = MovingWorld(scene)
+        self._lanes: dict[str, int] = {}
+        self._summary: tuple[str, str] | None = None
+        self._closed = False
+        self._layout = blueprint(scene)
+        self._stream = rr.RecordingStream(APPLICATION_ID)
+        self._stream.set_log_time_enabled(False)
+        self._describe(scene)
+        _check_writable(path)
+        self._stream.save(path, default_blueprint=self._layout)
+
+    def take(self, frame: Frame) -> None:
+        """Take a frame of a run."""
+        self._frames.append(frame)
+        if len(self._frames) >= self._chunk:
+            self._write_frames()
+
+    def take_message(self, name: MessageName, record: np.void) -> None:
+        """Take a decoded message of a cell. Others than `setpoint`, `actual` and `timing` are not recorded."""
+        if name not in self._messages:
+            return
+        self._messages[name].append(record)
+        if len(self._messages[name]) >= self._chunk:
+            newest = min(int(messages[-1]["sequence"]) if messages else -1 for messages in self._messages.values())
+            self._write_messages(newest)
+
+    def set_summary(self, markdown: str, summary_json: str) -> None:
+        """The verdict that `close` writes: a text to read and the facts."""
+        self._summary = markdown, summary_json
+
+    def close(self) -> None:
+        """Write what is left and finish the file. A second call does nothing."""
+        if self._closed:
+            return
+        self._closed = True
+        try:
+            self._write_frames()
+            self._write_messages(None)
+            if self._summary is not None:
+                markdown, facts = self._summary
+                self._log("summary", rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN))
+                self._stream.send_property("summary", rr.AnyValues(json=facts))
+        finally:
+            self._stream.disconnect()
+
+    def _describe(self, scene: Scene) -> None:
+        self._stream.send_recording_name(scene.title)
+        self._stream.send_property("scenario", rr.AnyValues(title=scene.title, law=scene.law, json=scene.scenario_json))
+        text = f"# {scene.title}\n\nLaw `{scene.law}`. The run ended before its summary."
+        self._log("summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
+        for entity, archetype in (*still_world(scene), *self._world.styles()):
+            self._log(entity, archetype)
+        named = [(s.entity, s.names) for s in (*self._signals, *self._limits)]
+        for entity, names in (*named, *((entity, names) for entity, (_, names) in TRACKING_ERRORS.items())):
+            self._log(entity, style(entity, names))
+
+    def _log(self, entity: str, archetype: Any) -> None:
+        self._stream.log(entity, archetype, static=True, strict=True)
+
+    def _write_frames(self) -> None:
+        frames, self._frames = self._frames, []
+        if frames:
+            self._write({name: layout(name).records(frames) for name in _RECORDED})
+
+    def _write_messages(self, newest: int | None) -> None:
+        """Write the messages up to a sequence number, or all; later ones stay, so that setpoints meet their actual values."""
+        rows: dict[MessageName, Records] = {}
+        for name, messages in self._messages.items():
+            count = len(messages) if newest is None else sum(int(m["sequence"]) <= newest for m in messages)
+            rows[name] = np.array(messages[:count], dtype=layout(name).dtype)
+            del messages[:count]
+        self._write(rows)
+
+    def _write(self, rows: dict[MessageName, Records]) -> None:
+        for signal in self._signals:
+            self._send(signal.entity, rows[signal.message], rr.Scalars.columns, signal.values)
