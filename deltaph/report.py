@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.console import Console
@@ -123,7 +123,7 @@ def print_run(
     tolerance = deviation_tolerance(scenario)
     corners = Table("corner deviation (mm)", "prescribed", "planned", "executed", "kept in the machine", box=None, pad_edge=False)
     for i, side in enumerate(("pick side", "place side")):
-        executed = side_deviations(execution, i)
+        executed = side_deviations(execution.corner_deviation, i)
         if executed:
             worst = max(executed)
             prescribed, planned = plan.task.corner_deviation[i], plan.corner_deviation[i]
@@ -155,50 +155,64 @@ def print_run(
     print_checks(console, checks)
 
 
-def summary_markdown(scenario: Scenario, plan: Plan, execution: Execution, trace: Trace, checks: Sequence[Check]) -> str:
-    """The summary of a run as the text of a recording: the verdict first."""
+def summary_markdown(scenario: Scenario, facts: Mapping[str, Any]) -> str:
+    """The summary of a run as the text of a recording: the verdict first.
+
+    Args:
+        scenario: what was run.
+        facts: the JSON report of the run.
+    """
+    executed, planned = facts["executed"], facts["plan"]["corner_deviation_m"]
     tolerance = deviation_tolerance(scenario)
     rows, kept = [], True
     for i, side in enumerate(("pick side", "place side")):
-        executed = side_deviations(execution, i)
-        if executed:
-            prescribed, worst = plan.task.corner_deviation[i], max(executed)
-            kept = kept and worst <= prescribed + tolerance
-            verdict = "kept" if worst <= prescribed + tolerance else "**not kept**"
-            rows.append(f"| {side} | {1e3 * prescribed:g} | {1e3 * plan.corner_deviation[i]:.4f} | {1e3 * worst:.4f} | {verdict} |")
-    timing = timing_facts(trace)
+        found = side_deviations(executed["corner_deviation_m"], i)
+        if found:
+            prescribed, worst = scenario.task.corner_deviation[i], max(found)
+            ok = worst <= prescribed + tolerance
+            kept = kept and ok
+            verdict = "kept" if ok else "**not kept**"
+            rows.append(f"| {side} | {1e3 * prescribed:g} | {1e3 * planned[i]:.4f} | {1e3 * worst:.4f} | {verdict} |")
+    motor = {name: max(executed[f"motor_torque_{name}_Nm"]) for name in ("max", "rms")}
+    step_us, factor = facts["timing"]["step_us"]["p50"], facts["timing"]["real_time_factor"]
+    trip = "none" if executed["trip_time_s"] is None else f"**{executed['trip']}** at {1e3 * executed['trip_time_s']:g} ms"
     lines = [
         f"# Deviation {'kept' if kept else 'NOT kept'} in the machine",
         "",
         scenario.title,
         "",
-        f"| corner deviation | prescribed, mm | planned, mm | executed, mm | within {1e3 * tolerance:g} mm |",
+        f"| corner | prescribed, mm | planned, mm | executed, mm | within {1e3 * tolerance:g} mm |",
         "|---|---|---|---|---|",
         *rows,
         "",
-        f"- law {plan.law.name}, {1e3 * plan.duration:g} ms, {scenario.gains} drive gains, payload {scenario.payload:g} kg",
-        f"- tracking error at most {1e3 * execution.tracking_error_tcp_max:.4f} mm at the tcp, "
-        f"{1e3 * execution.tracking_error_joint_max:.4f} mrad at a joint",
-        f"- excursion outside the right angles at most {1e3 * execution.overshoot:.4f} mm",
-        f"- motor torque at most {max(execution.motor_torque_max):.2f} N m, rms {max(execution.motor_torque_rms):.2f} N m",
-        f"- trip: {execution.trip}",
-        f"- step of both FMUs: median {timing['step_us']['p50']:.0f} us; real-time factor {timing['real_time_factor']:.2f}",
+        f"- law {scenario.law.name}, {1e3 * facts['plan']['duration_s']:g} ms, {scenario.gains} drive gains, "
+        f"payload {scenario.payload:g} kg",
+        f"- tracking error at most {1e3 * executed['tracking_error_tcp_max_m']:.4f} mm at the tcp, "
+        f"{1e3 * executed['tracking_error_joint_max_rad']:.4f} mrad at a joint",
+        f"- excursion outside the right angles at most {1e3 * executed['overshoot_m']:.4f} mm",
+        f"- motor torque at most {motor['max']:.2f} N m, rms {motor['rms']:.2f} N m",
+        f"- trip: {trip}",
+        f"- step of both FMUs: median {step_us:.0f} us; real-time factor {factor:.2f}",
         "",
     ]
-    if checks:
+    if facts["expect"]:
         lines += ["| expectation | found | expected | |", "|---|---|---|---|"]
-        for c in checks:
-            found = f"{c.value:.5g}" if isinstance(c.value, float) else c.value
-            lines.append(f"| {c.name} | {found} | {c.limit} | {'ok' if c.ok else '**missed**'} |")
+        lines += [
+            f"| {c['name']} | {_found(c['value'])} | {c['limit']} | {'ok' if c['ok'] else '**missed**'} |" for c in facts["expect"]
+        ]
     return "\n".join(lines) + "\n"
 
 
-def side_deviations(execution: Execution, side: int) -> list[float]:
-    """Executed deviations [m] at the corner above the pick (0) or the place point (1) of the first operation.
+def side_deviations(corner_deviation: Sequence[float], side: int) -> list[float]:
+    """Of executed deviations in path order, those at the corner above the pick (0) or the place point (1) of the first operation.
 
     Operations alternate there and back, so that the way back visits the corners in the other order.
     """
-    return [d for k, d in enumerate(execution.corner_deviation) if (k % 2) ^ (k // 2 % 2) == side]
+    return [d for k, d in enumerate(corner_deviation) if (k % 2) ^ (k // 2 % 2) == side]
+
+
+def _found(value: float | str) -> str:
+    return f"{value:.5g}" if isinstance(value, float) else value
 
 
 def print_checks(console: Console, checks: Sequence[Check]) -> None:
@@ -207,6 +221,5 @@ def print_checks(console: Console, checks: Sequence[Check]) -> None:
         return
     table = Table("expectation", "found", "expected", "", box=None, pad_edge=False)
     for check in checks:
-        found = f"{check.value:.5g}" if isinstance(check.value, float) else check.value
-        table.add_row(check.name, found, check.limit, _mark(check.ok))
+        table.add_row(check.name, _found(check.value), check.limit, _mark(check.ok))
     console.print(table)

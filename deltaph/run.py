@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,11 +15,18 @@ from rich.progress import Progress
 from deltaph.checks import evaluate_expectations, executed_values, planned_values
 from deltaph.execution import Trace, evaluate
 from deltaph.fmu import cached_fmus
-from deltaph.frame import Frame, Sink
+from deltaph.frame import Frame
 from deltaph.importer import Schedule, cosimulate, schedule
 from deltaph.report import executed_facts, plan_facts, print_run, summary_markdown, timing_facts
 from deltaph.scenario import load_scenario
 from deltaph.scene import scene_of
+from deltaph.telemetry import BackgroundSink, Publisher
+
+PROGRESS_STEPS = 100
+"""Steps between two updates of the progress bar."""
+
+SUBSCRIBER_TIMEOUT = 60.0
+"""How long `--wait-subscribers` waits [s]."""
 
 QUEUE_FRAMES = 20_000
 """Frames that may wait for a sink: 20 s at 1 kHz, some 20 MB."""
@@ -74,24 +81,23 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
         fmus = cached_fmus()
 
     with ExitStack() as stack:
-        publisher = recorder = publishing = recording = None
+        publisher = recorder = publishing = None
+        sinks: list[BackgroundSink] = []
         if options.telemetry:
-            from deltaph.telemetry import BackgroundSink, Publisher
-
             publisher = Publisher(scenario.cell, scenario.json, listen=options.listen, connect=options.connect)
-            publishing = BackgroundSink(publisher, QUEUE_FRAMES)
+            sinks.append(publishing := BackgroundSink(publisher, QUEUE_FRAMES))
             stack.callback(publishing.close)
             log.print(f"cell {scenario.cell} on {', '.join(publisher.endpoints)}", style="dim")
+            if options.wait_subscribers:
+                with log.status(f"waiting for {options.wait_subscribers} subscribers"):
+                    publisher.wait_for_subscribers(options.wait_subscribers, SUBSCRIBER_TIMEOUT)
         if options.record is not None:
-            from deltaph.telemetry import BackgroundSink, Recorder
+            with log.status("opening the recording"):
+                from deltaph.telemetry import Recorder  # Rerun takes a second to import
 
-            recorder = Recorder(options.record, scene_of(scenario, plan))
-            recording = BackgroundSink(recorder, QUEUE_FRAMES)
+                recorder = Recorder(options.record, scene_of(scenario, plan))
+            sinks.append(recording := BackgroundSink(recorder, QUEUE_FRAMES))
             stack.callback(recording.close)
-        sinks = [sink for sink in (publishing, recording) if sink is not None]
-        if publisher is not None and options.wait_subscribers:
-            with log.status(f"waiting for {options.wait_subscribers} subscribers"):
-                publisher.wait_for_subscribers(options.wait_subscribers, 60.0)
 
         frames: list[Frame] = []
         for frame in _with_progress(cosimulate(scenario, run, fmus, realtime=options.realtime), run, log):
@@ -122,9 +128,22 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
         if publisher is not None:
             publisher.set_summary(json.dumps(facts))
         if recorder is not None:
-            recorder.summary(summary_markdown(scenario, plan, execution, trace, checks), json.dumps(facts))
+            recorder.summary(summary_markdown(scenario, facts), json.dumps(facts))
 
     print_run(console, scenario, plan, execution, trace, checks)
     if options.record is not None:
         log.print(f"recorded {options.record}: open it with `deltaph view {options.record}`", style="dim")
     return Result(frames, facts, execution.trip == "none" and all(check.ok for check in checks))
+
+
+def _with_progress(frames: Iterator[Frame], run: Schedule, log: Console) -> Iterator[Frame]:
+    """Pass frames on and show how far the run has come, where somebody watches and it takes long enough to see."""
+    if not log.is_terminal:
+        yield from frames
+        return
+    with Progress(console=log, transient=True) as progress:
+        task = progress.add_task("co-simulating", total=run.steps)
+        for frame in frames:
+            yield frame
+            if frame.step % PROGRESS_STEPS == 0:
+                progress.update(task, completed=frame.step)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +67,7 @@ class Recorder:
             newest = min(int(messages[-1]["sequence"]) if messages else -1 for messages in self._messages.values())
             self._write_messages(newest)
 
-    def set_summary(self, markdown: str, summary_json: str) -> None:
+    def summary(self, markdown: str, summary_json: str) -> None:
         """The verdict that `close` writes: a text to read and the facts."""
         self._summary = markdown, summary_json
 
@@ -116,5 +115,63 @@ class Recorder:
         self._write(rows)
 
     def _write(self, rows: dict[MessageName, Records]) -> None:
+        for name, records in rows.items():
+            if len(records):
+                self._write_message(name, records)
+        self._write_tracking_errors(rows["setpoint"], rows["actual"])
+
+    def _write_message(self, name: MessageName, records: Records) -> None:
+        index = _index(records)
         for signal in self._signals:
-            self._send(signal.entity, rows[signal.message], rr.Scalars.columns, signal.values)
+            if signal.message == name:
+                self._send(signal.entity, index, rr.Scalars.columns(scalars=signal.values(records)))
+        for entity, message, field in _LANES:
+            if message == name:
+                self._write_lane(entity, records, layout(name), field)
+        if name == "actual":
+            for entity, columns in self._world.rows(records):
+                self._send(entity, index, columns)
+        if name == "setpoint":
+            ends = records[[0, -1]]
+            for limit in self._limits:
+                self._send(limit.entity, _index(ends), rr.Scalars.columns(scalars=[limit.values] * 2))
+
+    def _write_tracking_errors(self, setpoint: Records, actual: Records) -> None:
+        common, of_setpoint, of_actual = np.intersect1d(setpoint["sequence"], actual["sequence"], return_indices=True)
+        if not len(common):
+            return
+        for entity, (group, _) in TRACKING_ERRORS.items():
+            error = layout("setpoint").values(setpoint[of_setpoint], group) - layout("actual").values(actual[of_actual], group)
+            self._send(entity, _index(actual[of_actual]), rr.Scalars.columns(scalars=error))
+
+    def _write_lane(self, entity: str, records: Records, message: Layout, field: str) -> None:
+        """A row where an enumeration changes."""
+        values = records[field].astype(int)
+        changed = np.flatnonzero(np.diff(values, prepend=self._lanes.get(entity, -1)))
+        items = next(f.items for f in message.fields if f.name == field)
+        self._send(entity, _index(records[changed]), rr.StateChange.columns(state=[items[value] for value in values[changed]]))
+        self._lanes[entity] = int(values[-1])
+
+    def _send(self, entity: str, index: list[rr.TimeColumn], columns: Any) -> None:
+        self._stream.send_columns(entity, index, columns, strict=True)
+
+
+def _index(records: Records) -> list[rr.TimeColumn]:
+    """Simulation time, to the nearest nanosecond, and step of records (n,)."""
+    nanoseconds = np.rint(records["time"] * 1e9).astype("timedelta64[ns]")
+    return [rr.TimeColumn("sim_time", duration=nanoseconds), rr.TimeColumn("step", sequence=records["sequence"].astype(np.int64))]
+
+
+def _check_writable(path: Path) -> None:
+    """Refuse a file that cannot be written; an existing one keeps its content.
+
+    Raises:
+        EnvironmentProblem: naming the file and the reason.
+    """
+    existed = path.exists()
+    try:
+        path.open("ab").close()
+    except OSError as error:
+        raise EnvironmentProblem(f"cannot write {path}: {error.strerror or error}") from error
+    if not existed:
+        path.unlink()

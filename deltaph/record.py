@@ -1,0 +1,44 @@
+"""`deltaph record`: follow a cell over Zenoh and write the recording that `deltaph run --record` writes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from rich.console import Console
+
+from deltaph.plan import Plan
+from deltaph.report import summary_markdown
+from deltaph.scenario import scenario_from_json
+from deltaph.scene import scene_of
+from deltaph.telemetry import Recorder, Subscriber
+
+
+def record_cell(cell: str, connect: Sequence[str], output: Path, log: Console) -> None:
+    """Wait for a cell, record it until it goes or Ctrl-C, and say what was lost on the way.
+
+    Raises:
+        DeltaphError: nothing answers, the cell does not say what it runs, or the file cannot be written.
+    """
+    with ExitStack() as stack:
+        with log.status(f"waiting for cell {cell} on {' or '.join(connect)}"):
+            subscriber = stack.enter_context(Subscriber(cell, connect))
+            subscriber.wait_for_cell()
+            scenario = scenario_from_json(json.dumps(subscriber.ask("scenario")))
+        recorder = Recorder(output, scene_of(scenario, Plan.of(scenario)))
+        stack.callback(recorder.close)
+        try:
+            with log.status(f"recording {scenario.title}"):
+                for name, record in subscriber.messages():
+                    recorder.take_message(name, record)
+        except KeyboardInterrupt:
+            log.print("interrupted: the recording ends here", style="dim")
+        if subscriber.summary is not None:
+            recorder.summary(summary_markdown(scenario, subscriber.summary), json.dumps(subscriber.summary))
+    lost = sum(subscriber.missing.values())
+    received = subscriber.received["actual"]
+    log.print(
+        f"recorded {output}: {received} frames, {lost or 'no'} messages lost; open it with `deltaph view {output}`", style="dim"
+    )

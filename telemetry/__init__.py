@@ -1,0 +1,43 @@
+"""Telemetry: messages over Zenoh, and recordings. It sees frames and variable tables only.
+
+`Recorder` is imported when it is asked for: Rerun takes a second to import.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from deltaph.telemetry.background import BackgroundSink
+from deltaph.telemetry.keys import MESSAGE_NAMES, CellKeys, MessageName
+from deltaph.telemetry.messages import Layout, layout, schema_document
+from deltaph.telemetry.publisher import Publisher
+from deltaph.telemetry.scene import Scene
+from deltaph.telemetry.session import DEFAULT_ENDPOINT
+from deltaph.telemetry.subscriber import Message, Subscriber
+
+if TYPE_CHECKING:
+    from deltaph.telemetry.recording import Recorder
+
+__all__ = [
+    "DEFAULT_ENDPOINT",
+    "MESSAGE_NAMES",
+    "BackgroundSink",
+    "CellKeys",
+    "Layout",
+    "Message",
+    "MessageName",
+    "Publisher",
+    "Recorder",
+    "Scene",
+    "Subscriber",
+    "layout",
+    "schema_document",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "Recorder":
+        from deltaph.telemetry.recording import Recorder
+
+        return Recorder
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
