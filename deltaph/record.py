@@ -34,7 +34,7 @@ def record_cell(cell: str, connect: Sequence[str], output: Path, log: Console) -
                 for name, record in subscriber.messages():
                     recorder.take_message(name, record)
         except KeyboardInterrupt:
-            log.print("interrupted: the recording ends here", style="dim")
+            log.print("interrupted: the recording ends here", style="dim", soft_wrap=True)
         if subscriber.summary is not None:
             recorder.summary(summary_markdown(scenario, subscriber.summary), json.dumps(subscriber.summary))
     lost = sum(subscriber.missing.values())

@@ -87,7 +87,7 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
             publisher = Publisher(scenario.cell, scenario.json, listen=options.listen, connect=options.connect)
             sinks.append(publishing := BackgroundSink(publisher, QUEUE_FRAMES))
             stack.callback(publishing.close)
-            log.print(f"cell {scenario.cell} on {', '.join(publisher.endpoints)}", style="dim")
+            log.print(f"cell {scenario.cell} on {', '.join(publisher.endpoints)}", style="dim", soft_wrap=True)
             if options.wait_subscribers:
                 with log.status(f"waiting for {options.wait_subscribers} subscribers"):
                     publisher.wait_for_subscribers(options.wait_subscribers, SUBSCRIBER_TIMEOUT)
@@ -132,7 +132,7 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
 
     print_run(console, scenario, plan, execution, trace, checks)
     if options.record is not None:
-        log.print(f"recorded {options.record}: open it with `deltaph view {options.record}`", style="dim")
+        log.print(f"recorded {options.record}: open it with `deltaph view {options.record}`", style="dim", soft_wrap=True)
     return Result(frames, facts, execution.trip == "none" and all(check.ok for check in checks))
 
 

@@ -37,7 +37,7 @@ def _cell(scene: Scene) -> rrb.Spatial3DView:
         name="Cell",
         contents=["$origin/**"],
         overrides={EXECUTED_PATH: _SO_FAR},
-        eye_controls=_looking(scene, target, -3.0 * height, aside=0.35, above=0.25),
+        eye_controls=_looking(scene, target, -3.7 * height, aside=0.35, above=0.25),
         line_grid=False,
     )
 
@@ -45,14 +45,14 @@ def _cell(scene: Scene) -> rrb.Spatial3DView:
 def _corner(scene: Scene, index: int) -> rrb.Spatial3DView:
     deviation = max(float(scene.corner_deviation[index]), 1e-3)
     inside = scene.across if index == 0 else -scene.across
-    target = scene.vertices[index] + 1.3 * deviation * (inside - np.array([0.0, 0.0, 1.0]))
+    target = scene.vertices[index] + deviation * (inside - np.array([0.0, 0.0, 1.0]))
     millimetres = f"{1000.0 * scene.corner_deviation[index]:g} mm"
     return rrb.Spatial3DView(
         origin="world",
         name=f"{CORNERS[index].capitalize()} corner: prescribed {millimetres}",
-        contents=["world/path/**", f"world/corner/{CORNERS[index]}/**"],
+        contents=["world/path/**", f"world/corner/{CORNERS[index]}/**", f"- world/corner/{CORNERS[index]}/ball"],
         overrides={EXECUTED_PATH: _ALWAYS},
-        eye_controls=_looking(scene, target, 6.5 * deviation),
+        eye_controls=_looking(scene, target, 5.0 * deviation),
         line_grid=False,
     )
 
@@ -73,11 +73,11 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
     near = 5.0 * float(scene.corner_deviation.max())
     motion = rrb.Vertical(
         _plot("Distance to the nearer vertex [m]: red is the prescribed deviation", "path/deviation/**", top=near),
-        _plot("Joint velocity [rad/s]", "joint/velocity/**"),
+        _plot("Joint velocity [rad/s]: broad actual, thin setpoint; joint 1 blue, 2 yellow, 3 green", "joint/velocity/**"),
         _plot("Joint torque [N.m]", "joint/torque/**"),
         _plot("Joint tracking error: setpoint - actual [rad]", "joint/tracking_error"),
         rrb.StateTimelineView(name="Phase", origin="/", contents=["phase", "trip"]),
-        row_shares=[3, 2, 2, 2, 1.3],
+        row_shares=[3, 2, 2, 2, 1.7],
         name="Deviation and joints",
     )
     tool = rrb.Vertical(

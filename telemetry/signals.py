@@ -19,8 +19,8 @@ from deltaph.telemetry.scene import Scene
 FloatArray = NDArray[np.float64]
 Color = tuple[int, int, int]
 
-PLANNED: Color = (110, 150, 230)
-EXECUTED: Color = (255, 150, 40)
+PLANNED: Color = (130, 200, 255)
+EXECUTED: Color = (225, 120, 30)
 LIMIT: Color = (235, 60, 60)
 JOINTS: tuple[Color, ...] = ((86, 180, 233), (240, 200, 60), (40, 190, 140))
 AXES: tuple[Color, ...] = ((230, 90, 90), (110, 200, 90), (90, 140, 240))
@@ -63,7 +63,10 @@ class Limit:
 
 
 def style(entity: str, names: Sequence[str]) -> rr.SeriesLines:
-    """How an entity's lines look: joints differ by colour; setpoints are broad and dark, actual values thin and bright above them."""
+    """How an entity's lines look: joints differ by colour; actual values are broad and dark, setpoints thin and bright.
+
+    The viewer draws in the order of names, so that a setpoint lies above its actual value.
+    """
     *_, role = entity.split("/")
     if role in ("limit", "limit_below"):
         colors: Sequence[Color] = [LIMIT] * len(names)
@@ -71,9 +74,9 @@ def style(entity: str, names: Sequence[str]) -> rr.SeriesLines:
         colors = [PLANNED if role == "setpoint" else EXECUTED]
     else:
         colors = AXES if entity.startswith("tcp") else JOINTS
-    if role == "setpoint":
-        colors = [(r // 2 + 20, g // 2 + 20, b // 2 + 20) for r, g, b in colors]
-    return rr.SeriesLines(names=list(names), colors=list(colors), widths=[5.0 if role == "setpoint" else 1.5] * len(names))
+    if role == "actual" and len(names) > 1:
+        colors = [(r // 2, g // 2, b // 2) for r, g, b in colors]
+    return rr.SeriesLines(names=list(names), colors=list(colors), widths=[5.0 if role == "actual" else 1.5] * len(names))
 
 
 def _group(message: MessageName, group: str, records: Records) -> FloatArray:

@@ -30,17 +30,14 @@ def still_world(scene: Scene) -> Iterator[tuple[str, Any]]:
     shoulders = scene.base_points
     yield "world/robot/base", rr.LineStrips3D([np.vstack([shoulders, shoulders[:1]])], colors=[_METAL], radii=[0.006])
     yield "world/path/right_angle", rr.LineStrips3D([scene.right_angle_path], colors=[(110, 110, 110)], radii=[_pixels(1.0)])
-    yield "world/path/planned", rr.LineStrips3D([scene.planned_path], colors=[PLANNED], radii=[_pixels(3.0)])
+    yield "world/path/planned", rr.LineStrips3D([scene.planned_path], colors=[PLANNED], radii=[_pixels(1.5)])
     up = np.array([0.0, 0.0, 1.0])
     for corner, vertex, deviation in zip(CORNERS, scene.vertices, scene.corner_deviation, strict=True):
         circle = vertex + deviation * (np.outer(np.cos(_CIRCLE), scene.across) + np.outer(np.sin(_CIRCLE), up))
         entity = f"world/corner/{corner}"
         yield f"{entity}/vertex", rr.Points3D([vertex], colors=[(255, 255, 255)], radii=[_pixels(3.0)])
-        yield f"{entity}/prescribed_deviation", rr.LineStrips3D([circle], colors=[LIMIT], radii=[_pixels(1.5)])
-        yield (
-            f"{entity}/prescribed_deviation_ball",
-            rr.Ellipsoids3D(centers=[vertex], radii=[deviation], colors=[(*LIMIT, 60)], fill_mode="solid"),
-        )
+        yield f"{entity}/circle", rr.LineStrips3D([circle], colors=[LIMIT], radii=[_pixels(1.5)])
+        yield f"{entity}/ball", rr.Ellipsoids3D(centers=[vertex], radii=[deviation], colors=[(*LIMIT, 90)], fill_mode="solid")
 
 
 class MovingWorld:
@@ -55,7 +52,6 @@ class MovingWorld:
         radial = scene.base_points / np.linalg.norm(scene.base_points, axis=1, keepdims=True)
         sideways = np.cross([0.0, 0.0, 1.0], radial) * scene.rod_spacing
         self._rod_offsets = np.stack([sideways, -sideways], axis=1)  # (arm, rod, 3)
-        self._end: FloatArray | None = None
 
     def styles(self) -> Iterator[tuple[str, Any]]:
         """Colours and widths, which stay."""
@@ -63,7 +59,7 @@ class MovingWorld:
         yield "world/robot/rods", rr.LineStrips3D.from_fields(colors=[_METAL], radii=[0.004])
         yield "world/robot/platform", rr.LineStrips3D.from_fields(colors=[_METAL], radii=[0.008])
         yield "world/tcp", rr.Points3D.from_fields(colors=[EXECUTED], radii=[_pixels(4.0)])
-        yield EXECUTED_PATH, rr.LineStrips3D.from_fields(colors=[EXECUTED], radii=[_pixels(1.5)])
+        yield EXECUTED_PATH, rr.Points3D.from_fields(colors=[EXECUTED], radii=[_pixels(3.0)])
 
     def rows(self, actual: Records) -> Iterator[tuple[str, Any]]:
         """Entities and columns with one row per record; to be called in the order of time."""
@@ -80,10 +76,7 @@ class MovingWorld:
         yield "world/robot/platform", _strips(np.concatenate([joints, joints[:, :1]], axis=1)[:, None])
         yield "world/tcp", rr.Points3D.columns(positions=tcp)
 
-        begin = tcp[:1] if self._end is None else self._end
-        trace = np.stack([np.vstack([begin, tcp[:-1]]), tcp], axis=1)
-        yield EXECUTED_PATH, _strips(trace[:, None])
-        self._end = tcp[-1:]
+        yield EXECUTED_PATH, rr.Points3D.columns(positions=tcp)
 
 
 def _strips(points: FloatArray) -> Any:
