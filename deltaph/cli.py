@@ -216,13 +216,17 @@ def view(file: Annotated[Path, typer.Argument(metavar="FILE.rrd", help="recordin
     raise typer.Exit(subprocess.run([viewer, str(file), "--bind", "127.0.0.1"], check=False).returncode)
 
 
+INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+
 UsageError: Any = typer.BadParameter.__bases__[0]  # typer carries its parser inside and exports only this one of its errors
 
 
 def main() -> None:
     """Entry point: every failure is one line on standard error and an exit code."""
     try:
-        code = app(standalone_mode=False)
+        code = app(standalone_mode=False) or 0
+        if code == INTERRUPTED:  # typer makes this of Ctrl-C
+            _fail("interrupted", code)
     except InfeasibleError as error:
         code = _fail(f"infeasible: {error}", error.exit_code)
     except DeltaphError as error:
@@ -233,7 +237,7 @@ def main() -> None:
         sys.stderr.close()  # the reader of our output has gone, and nobody is left to tell
         code = 2
     except (KeyboardInterrupt, typer.Abort):
-        code = _fail("interrupted", 130)
+        code = _fail("interrupted", INTERRUPTED)
     sys.exit(code)
 
 

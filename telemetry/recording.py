@@ -27,7 +27,7 @@ class Recorder:
     """A sink that writes a recording. Rows are written in chunks, and what is left on `close`.
 
     Args:
-        path: file to write; checked, and only touched when everything that can fail before the first frame has not failed.
+        path: file to write; checked now, written from the first chunk on, so that a run that never starts leaves nothing behind.
         scene: what does not move.
         chunk: frames that are written at once; writing them takes a few milliseconds.
 
@@ -45,12 +45,13 @@ class Recorder:
         self._lanes: dict[str, int] = {}
         self._summary: tuple[str, str] | None = None
         self._closed = False
-        self._layout = blueprint(scene)
+        self._path = path
+        self._file_is_open = False
+        self._blueprint = blueprint(scene)
         self._stream = rr.RecordingStream(APPLICATION_ID)
         self._stream.set_log_time_enabled(False)
         self._describe(scene)
         _check_writable(path)
-        self._stream.save(path, default_blueprint=self._layout)
 
     def take(self, frame: Frame) -> None:
         """Take a frame of a run."""
@@ -117,8 +118,15 @@ class Recorder:
     def _write(self, rows: dict[MessageName, Records]) -> None:
         for name, records in rows.items():
             if len(records):
+                self._open_file()
                 self._write_message(name, records)
         self._write_tracking_errors(rows["setpoint"], rows["actual"])
+
+    def _open_file(self) -> None:
+        """Begin the file with what was described so far."""
+        if not self._file_is_open:
+            self._stream.save(self._path, default_blueprint=self._blueprint)
+            self._file_is_open = True
 
     def _write_message(self, name: MessageName, records: Records) -> None:
         index = _index(records)

@@ -67,7 +67,9 @@ def style(entity: str, names: Sequence[str]) -> rr.SeriesLines:
 
     The viewer draws in the order of names, so that a setpoint lies above its actual value.
     """
-    *_, role = entity.split("/")
+    role = entity.rpartition("/")[2]
+    if entity.startswith("timing"):
+        return rr.SeriesLines(names=list(names), widths=[1.5])
     if role in ("limit", "limit_below"):
         colors: Sequence[Color] = [LIMIT] * len(names)
     elif len(names) == 1:

@@ -58,7 +58,6 @@ class MovingWorld:
         yield "world/robot/arms", rr.LineStrips3D.from_fields(colors=[_METAL], radii=[0.012])
         yield "world/robot/rods", rr.LineStrips3D.from_fields(colors=[_METAL], radii=[0.004])
         yield "world/robot/platform", rr.LineStrips3D.from_fields(colors=[_METAL], radii=[0.008])
-        yield "world/tcp", rr.Points3D.from_fields(colors=[EXECUTED], radii=[_pixels(4.0)])
         yield EXECUTED_PATH, rr.Points3D.from_fields(colors=[EXECUTED], radii=[_pixels(3.0)])
 
     def rows(self, actual: Records) -> Iterator[tuple[str, Any]]:
@@ -74,8 +73,6 @@ class MovingWorld:
         rods = np.stack([elbows, joints], axis=2)[:, :, None, :, :] + self._rod_offsets[:, :, None, :]
         yield "world/robot/rods", _strips(rods.reshape(n, 6, 2, 3))
         yield "world/robot/platform", _strips(np.concatenate([joints, joints[:, :1]], axis=1)[:, None])
-        yield "world/tcp", rr.Points3D.columns(positions=tcp)
-
         yield EXECUTED_PATH, rr.Points3D.columns(positions=tcp)
 
 

@@ -28,7 +28,18 @@ def photograph(recording: Path, picture: Path, seconds: float, size: str = "1600
         port = probe.getsockname()[1]
     # The binary itself: the `rerun` script starts it as a child, and ending the script would orphan it.
     binary = Path(rerun_cli.__file__).with_name("rerun")
-    command = [binary, recording, "--headless", "--bind", "127.0.0.1", "--port", str(port), "--window-size", size, "--hide-welcome-screen"]
+    command = [
+        binary,
+        recording,
+        "--headless",
+        "--bind",
+        "127.0.0.1",
+        "--port",
+        str(port),
+        "--window-size",
+        size,
+        "--hide-welcome-screen",
+    ]
     with subprocess.Popen(command, env={**os.environ, "XDG_RUNTIME_DIR": tempfile.gettempdir(), "RUST_LOG": "error"}) as viewer:
         try:
             client = loaded(f"rerun+http://127.0.0.1:{port}/proxy")
@@ -63,7 +74,9 @@ def main() -> None:
         for name in ("paper", "factory_gains"):
             recording = Path(directory) / f"{name}.rrd"
             deltaph = Path(sys.executable).with_name("deltaph")
-            subprocess.run([deltaph, "run", ROOT / "scenarios" / f"{name}.toml", "--no-telemetry", "--record", recording], check=True)
+            subprocess.run(
+                [deltaph, "run", ROOT / "scenarios" / f"{name}.toml", "--no-telemetry", "--record", recording], check=True
+            )
             photograph(recording, PICTURES / f"{name}.png", 0.056)
 
 

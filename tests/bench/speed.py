@@ -40,7 +40,9 @@ def main() -> None:
     planning = median_us(lambda: Plan.of(scenario))
     both = median_us(lambda: Plan.of(scenario).sample(grid))
     print(f"plan one PPO                                        {planning:8.1f} us")
-    print(f"plan and sample {len(grid)} setpoints of tcp, joints, torques {both:8.1f} us, {PAPER_US / both:.1f} times the paper's speed")
+    print(
+        f"plan and sample {len(grid)} setpoints of tcp, joints, torques {both:8.1f} us, {PAPER_US / both:.1f} times the paper's speed"
+    )
 
     run = schedule(scenario, CYCLES)
     fmus = cached_fmus()

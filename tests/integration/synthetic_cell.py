@@ -26,7 +26,9 @@ _TANGENTIAL = np.column_stack([-np.sin(_ANGLES), np.cos(_ANGLES), np.zeros(3)])
 
 def path() -> FloatArray:
     """The right-angle path with parabolic corners of the prescribed deviation (n, 3) [m]."""
-    length = 2.0 * np.sqrt(2.0) * DEVIATION  # a parabola that leaves both legs `length` from the vertex passes it at length / (2 sqrt 2)
+    length = (
+        2.0 * np.sqrt(2.0) * DEVIATION
+    )  # a parabola that leaves both legs `length` from the vertex passes it at length / (2 sqrt 2)
     pick, first, second, place = RIGHT_ANGLE_PATH
     u = np.linspace(0.0, 1.0, 201)[:, None]
 

@@ -3,9 +3,11 @@
 import csv
 import json
 import os
+import signal
 import socket
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -19,7 +21,9 @@ DELTAPH = Path(sys.executable).with_name("deltaph")
 
 def deltaph(*arguments: object, cwd: Path, env: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:
     command = [str(DELTAPH), *map(str, arguments)]
-    return subprocess.run(command, cwd=cwd, env={**os.environ, **(env or {})}, capture_output=True, text=True, timeout=120, check=False)
+    return subprocess.run(
+        command, cwd=cwd, env={**os.environ, **(env or {})}, capture_output=True, text=True, timeout=120, check=False
+    )
 
 
 def assert_refused(result: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
@@ -57,7 +61,9 @@ def test_schema_is_json_schema(tmp_path: Path) -> None:
 
 
 def test_plan_reports_and_writes_everything(tmp_path: Path) -> None:
-    result = deltaph("plan", PAPER, "--json", "plan.json", "--csv", "plan.csv", "--plot", "plan.png", "--sample-ms", 0.5, cwd=tmp_path)
+    result = deltaph(
+        "plan", PAPER, "--json", "plan.json", "--csv", "plan.csv", "--plot", "plan.png", "--sample-ms", 0.5, cwd=tmp_path
+    )
     assert result.returncode == 0, result.stderr
     assert "303 ms" in result.stdout
     report = json.loads((tmp_path / "plan.json").read_text())
@@ -188,3 +194,33 @@ def test_factory_gains_lose_the_deviation_and_the_summary_says_so(tmp_path: Path
 def test_a_missed_expectation_is_exit_code_1(tmp_path: Path) -> None:
     (tmp_path / "strict.toml").write_text(template().replace("{ max = 0.1 }", "{ max = 0.01 }"))
     assert deltaph("run", "strict.toml", "--no-telemetry", cwd=tmp_path).returncode == 1
+
+
+def test_interrupt_leaves_a_readable_recording(tmp_path: Path) -> None:
+    command = [
+        DELTAPH,
+        "run",
+        PAPER,
+        "--realtime",
+        "--cycles",
+        "20",
+        "--no-telemetry",
+        "--record",
+        "paper.rrd",
+        "--json",
+        "paper.json",
+    ]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        deadline = time.monotonic() + 60.0
+        recording = tmp_path / "paper.rrd"
+        while not (recording.exists() and recording.stat().st_size > 1_000_000):  # some seconds of frames
+            assert time.monotonic() < deadline
+            assert process.poll() is None
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=30.0)
+    assert process.returncode == 130
+    assert errors.splitlines()[-1] == "deltaph: interrupted"
+    rerun = DELTAPH.with_name("rerun")
+    subprocess.run([rerun, "rrd", "verify", recording], check=True, capture_output=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["paper.rrd"]
