@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import rerun as rr
 import rerun.blueprint as rrb
 
 from deltaph.telemetry.scene import FloatArray, Scene
@@ -18,7 +17,7 @@ _SO_FAR = rrb.VisibleTimeRanges(
 
 
 def _looking(scene: Scene, target: FloatArray, distance: float, aside: float = 0.0, above: float = 0.0) -> rrb.EyeControls3D:
-    """A camera that sees pick on the left and place on the right; `aside` and `above` turn it out of the normal of the path's plane."""
+    """A camera that sees pick on the left and place on the right; `aside` and `above` turn it off the normal of that plane."""
     up = np.array([0.0, 0.0, 1.0])
     direction = np.cross(scene.across, up) + aside * scene.across + above * up
     return rrb.EyeControls3D(

@@ -7,9 +7,10 @@ import math
 from collections.abc import Callable
 
 import pytest
-from integration.fmi_slave import DISCARD, ERROR, OK, FmiSlave
 
 from deltaph.variables import Variable
+
+from integration.fmi_slave import DISCARD, ERROR, OK, FmiSlave
 
 
 def settable(slave: FmiSlave) -> list[Variable]:

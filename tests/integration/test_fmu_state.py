@@ -6,6 +6,7 @@ import ctypes as c
 from collections.abc import Callable
 
 import pytest
+
 from integration.fmi_slave import ERROR, OK, FmiSlave
 
 
