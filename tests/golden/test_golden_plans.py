@@ -4,12 +4,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from golden.golden_file import cases, golden
 
 from deltaph.plan import Plan
 from deltaph.robot import Robot
 from deltaph.scenario import Law, Task
-
-from golden.golden_file import cases, golden
 
 CASES = cases("cases", "case")
 _SAMPLES = {

@@ -6,12 +6,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from integration.fmi_slave import FmiSlave
 
 from deltaph.fmu import FMI_VERSIONS, build
 from deltaph.fmu.model_description import FmiVersion
 from deltaph.variables import MODELS, Model
-
-from integration.fmi_slave import FmiSlave
 
 
 @pytest.fixture(scope="session")

@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from integration.fmi_slave import ERROR, OK, FmiSlave
 
 from deltaph.fmu.model_description import FmiVersion
 from deltaph.variables import Model
-
-from integration.fmi_slave import ERROR, OK, FmiSlave
 
 STATES = ("instantiated", "initialization mode", "step mode", "terminated")
 

@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable
 
 import pytest
-
 from integration.fmi_slave import DISCARD, ERROR, OK, FmiSlave
 
 

@@ -7,10 +7,9 @@ import math
 from collections.abc import Callable
 
 import pytest
+from integration.fmi_slave import DISCARD, ERROR, OK, FmiSlave
 
 from deltaph.variables import Variable
-
-from integration.fmi_slave import DISCARD, ERROR, OK, FmiSlave
 
 
 def settable(slave: FmiSlave) -> list[Variable]:

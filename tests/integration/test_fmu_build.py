@@ -13,6 +13,7 @@ import pytest
 from fmpy import read_model_description
 from fmpy.ssp import ssd
 from fmpy.validation import validate_fmu
+from integration.fmi_slave import FmiSlave
 from lxml import etree  # type: ignore[import-untyped]
 
 from deltaph.errors import DeltaphError, EnvironmentProblem
@@ -23,8 +24,6 @@ from deltaph.fmu.model_description import FmiVersion
 from deltaph.fmu.package import file_name
 from deltaph.fmu.sources import token
 from deltaph.variables import MODELS, Model, variable_table
-
-from integration.fmi_slave import FmiSlave
 
 NAMES = {
     3: ["DeltaCell.ssp", "DeltaPlanner.fmu", "DeltaPlant.fmu"],

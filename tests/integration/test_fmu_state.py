@@ -6,7 +6,6 @@ import ctypes as c
 from collections.abc import Callable
 
 import pytest
-
 from integration.fmi_slave import ERROR, OK, FmiSlave
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from integration.fmi_slave import OK, FmiSlave
 
 from deltaph.fmu.model_description import FmiVersion
 from deltaph.importer import planner_values, task_inputs
@@ -12,8 +13,6 @@ from deltaph.outputs import planner_columns
 from deltaph.plan import Plan
 from deltaph.scenario import Scenario, Task, load_scenario
 from deltaph.variables import variable_table
-
-from integration.fmi_slave import OK, FmiSlave
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 TABLE = variable_table("planner")

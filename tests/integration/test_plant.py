@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from integration.fmi_slave import ERROR, OK, FmiSlave
 
 from deltaph.execution import Execution, Trace, evaluate
 from deltaph.fmu import cached_fmus
@@ -17,8 +18,6 @@ from deltaph.kernel import ffi, lib
 from deltaph.robot import Robot
 from deltaph.scenario import load_scenario
 from deltaph.variables import variable_table
-
-from integration.fmi_slave import ERROR, OK, FmiSlave
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 TABLE = variable_table("plant")

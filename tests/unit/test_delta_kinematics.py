@@ -5,14 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from golden.golden_file import cases, golden
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from deltaph.kernel import ffi, lib, sentence
 from deltaph.robot import Robot
-
-from golden.golden_file import cases, golden
 
 Vector = NDArray[np.float64]
 

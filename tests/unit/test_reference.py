@@ -5,7 +5,6 @@ from functools import cache
 from itertools import pairwise
 
 import pytest
-
 from reference import golden
 from reference.corner import Corner, corner_with_deviation
 from reference.delta import Robot

@@ -3,7 +3,6 @@
 import dataclasses
 
 import pytest
-
 from reference import golden
 from reference.delta import Robot, at_rest, forward, inverse, jacobian, rod_end
 from reference.delta_dynamics import (
