@@ -36,7 +36,7 @@ def _cell(scene: Scene) -> rrb.Spatial3DView:
         name="Cell",
         contents=["$origin/**"],
         overrides={EXECUTED_PATH: _SO_FAR},
-        eye_controls=_looking(scene, target, -3.7 * height, aside=0.35, above=0.25),
+        eye_controls=_looking(scene, target, -4.4 * height, aside=0.35, above=0.25),
         line_grid=False,
     )
 
@@ -100,7 +100,7 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
         name="Timing",
     )
     left = rrb.Vertical(
-        rrb.Horizontal(_cell(scene), rrb.TextDocumentView(name="Summary", origin="summary"), column_shares=[3, 2]),
+        rrb.Horizontal(_cell(scene), rrb.TextDocumentView(name="Summary", origin="summary"), column_shares=[4, 5]),
         rrb.Horizontal(_corner(scene, 0), _corner(scene, 1)),
     )
     return rrb.Blueprint(
