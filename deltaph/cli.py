@@ -124,7 +124,8 @@ def build(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="where to write")] = Path("dist"),
     fmi: Annotated[str, typer.Option("--fmi", metavar="2|3|all", help="FMI versions to build")] = "all",
     platform: Annotated[
-        str, typer.Option("--platform", metavar="NAME", help="platform to build for; host is this machine's")
+        str,
+        typer.Option("--platform", metavar="NAME", help="host, all, or one such as aarch64-linux (takes deltaph\\[cross])"),
     ] = "host",
 ) -> None:
     """Build the FMUs and the system descriptions from the C sources in the package.

@@ -14,16 +14,15 @@ from pathlib import Path
 
 import numpy as np
 
+from deltaph.fmu.terminals import JOINTS, MEMBERS
 from deltaph.frame import TIMING, Frame
 from deltaph.plan import Plan
 from deltaph.scenario import Scenario, Task
 from deltaph.slave import Slave
 from deltaph.variables import Model, variable_table
 
-_LINKS = (("position", "position_ref"), ("velocity", "velocity_ref"), ("acceleration", "acceleration_ref"), ("torque", "torque_ff"))
-
 CONNECTIONS: tuple[tuple[str, str], ...] = tuple(
-    (f"joint[{i}].{output}", f"joint[{i}].{reference}") for output, reference in _LINKS for i in (1, 2, 3)
+    (f"joint[{i}].{output}", f"joint[{i}].{reference}") for output, reference in MEMBERS.items() for i in JOINTS
 )
 """Planner output -> plant input."""
 

@@ -1,4 +1,4 @@
-"""Compiling an FMU's shared library with the C compiler of the machine."""
+"""Compiling an FMU's shared library: with the C compiler of the machine for this machine, with zig for any platform."""
 
 from __future__ import annotations
 
@@ -11,22 +11,17 @@ import tempfile
 from pathlib import Path
 
 from deltaph.errors import EnvironmentProblem
-from deltaph.fmu import c_table
 from deltaph.fmu.model_description import FmiVersion
-from deltaph.fmu.sources import c_files, token
-from deltaph.sources import FMU_SRC
-from deltaph.variables import Model
+from deltaph.fmu.platforms import Platform, host
+from deltaph.fmu.translation_unit import SYSTEM_MATH, translation_unit
+from deltaph.variables import Model, variable_table
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden", "-Wall", "-Wextra")
 """No contraction, no fast-math: the FMUs and the Python binding give the same bits."""
 
 
-def compiler() -> tuple[str, ...]:
-    """The command of the C compiler: `$CC`, else the first of cc, gcc, clang.
-
-    Raises:
-        EnvironmentProblem: there is none.
-    """
+def _system_compiler() -> tuple[str, ...] | None:
+    """The command `$CC` names, else the first of cc, gcc, clang; None where there is none of them."""
     chosen = shlex.split(os.environ.get("CC", ""))
     if chosen:
         found = shutil.which(chosen[0])
@@ -37,7 +32,44 @@ def compiler() -> tuple[str, ...]:
         found = shutil.which(name)
         if found is not None:
             return (found,)
-    raise EnvironmentProblem("building FMUs takes a C compiler and there is none: install gcc or clang (Debian: apt install gcc)")
+    return None
+
+
+def _package_folder(package: str) -> Path | None:
+    """Where a package lies; found without importing it."""
+    spec = importlib.util.find_spec(package)
+    return next((Path(folder) for folder in (spec.submodule_search_locations or ())), None) if spec else None
+
+
+def _zig(platform: Platform) -> tuple[str, ...] | None:
+    """The command that compiles for a platform with the package ziglang; None where either does not know the other."""
+    folder = _package_folder("ziglang")
+    if folder is None or not platform.target:
+        return None
+    return (str(folder / ("zig.exe" if os.name == "nt" else "zig")), "cc", "-target", platform.target, "-s")
+
+
+def compiler(platform: Platform | None = None) -> tuple[str, ...]:
+    """The command of the C compiler.
+
+    Args:
+        platform: to cross-compile for, with zig; None for this machine, with its own compiler, or zig where it has none.
+
+    Raises:
+        EnvironmentProblem: there is none.
+    """
+    if platform is None:
+        command = _system_compiler() or _zig(host())
+        if command is None:
+            raise EnvironmentProblem(
+                "building FMUs takes a C compiler and there is none: install gcc or clang (Debian: apt install gcc),"
+                " or the package ziglang (pip install 'deltaph[cross]')"
+            )
+        return command
+    command = _zig(platform)
+    if command is None:
+        raise EnvironmentProblem(f"building for {platform.name} takes the package ziglang: pip install 'deltaph[cross]'")
+    return command
 
 
 def fmi_headers() -> Path:
@@ -46,11 +78,9 @@ def fmi_headers() -> Path:
     Raises:
         EnvironmentProblem: fmpy is missing, or without them.
     """
-    spec = importlib.util.find_spec("fmpy")
-    for package in (spec.submodule_search_locations or ()) if spec else ():
-        folder = Path(package) / "c-code"
-        if (folder / "fmi3Functions.h").is_file():
-            return folder
+    package = _package_folder("fmpy")
+    if package is not None and (package / "c-code" / "fmi3Functions.h").is_file():
+        return package / "c-code"
     raise EnvironmentProblem("the FMI headers that come with fmpy are missing: install fmpy again")
 
 
@@ -60,24 +90,38 @@ def _first_error(output: str) -> str:
     return next((line for line in lines if "error" in line.lower()), lines[0] if lines else "no message")
 
 
-def shared_library(model: Model, version: FmiVersion) -> bytes:
-    """Compile an FMU's shared library for this machine.
+def _link_options(library: str, extension: str) -> tuple[str, ...]:
+    """What a system wants of its shared libraries besides."""
+    return (f"-Wl,-install_name,@rpath/{library}",) if extension == ".dylib" else ()
+
+
+def shared_library(model: Model, version: FmiVersion, platform: Platform | None = None) -> bytes:
+    """Compile an FMU's shared library.
+
+    Args:
+        model: of which model.
+        version: for which FMI version.
+        platform: for which platform, with zig; None for this machine, with its own compiler.
 
     Raises:
         EnvironmentProblem: there is no compiler, or it fails: with its first error.
     """
-    command = compiler()
+    command = compiler(platform)
+    identifier = variable_table(model).model
     with tempfile.TemporaryDirectory(prefix="deltaph-") as temporary:
         folder = Path(temporary)
-        c_table.write_c_table(model, folder, token(model, version))
-        library = folder / model
+        source = f"{identifier}.c"
+        (folder / source).write_bytes(translation_unit(model, version))
+        extension = (platform or host()).extension
+        library = folder / f"{identifier}{extension}"
         arguments = [
             *command,
             *FLAGS,
-            *("-I", str(folder), "-I", str(FMU_SRC), "-isystem", str(fmi_headers())),
-            *map(str, c_files(model, version)),
-            c_table.SOURCE,
-            *("-o", str(library), "-lm"),
+            f"-D{SYSTEM_MATH}",
+            *("-isystem", str(fmi_headers())),
+            source,
+            *("-o", library.name, "-lm"),
+            *(_link_options(library.name, extension) if platform else ()),
         ]
         try:
             subprocess.run(arguments, cwd=folder, env=os.environ | {"LC_ALL": "C"}, check=True, capture_output=True, text=True)

@@ -1,4 +1,4 @@
-"""The documentation inside an FMU: one page with its variables, and the licence."""
+"""The documentation inside an FMU: one page with its equations and variables, and the licences."""
 
 from __future__ import annotations
 
@@ -6,11 +6,16 @@ import html
 from collections.abc import Iterable
 from importlib.metadata import distribution
 
+from markdown_it import MarkdownIt
+
 from deltaph.fmu.c_table import variable_range
 from deltaph.sources import FMU_SRC
-from deltaph.variables import Variable, VariableTable
+from deltaph.variables import Model, Variable, VariableTable, variable_table
 
-_STYLE = "body{font-family:sans-serif;max-width:70em;margin:2em auto}td,th{text-align:left;padding:.1em .6em;vertical-align:top}"
+_STYLE = (
+    "body{font-family:sans-serif;max-width:70em;margin:2em auto}td,th{text-align:left;padding:.1em .6em;vertical-align:top}"
+    "pre{background:#eceff1;padding:.6em}"
+)
 
 
 def _row(cells: Iterable[str], tag: str = "td") -> str:
@@ -28,11 +33,19 @@ def _cells(variable: Variable, table: VariableTable) -> list[str]:
     ]
 
 
-def index_html(table: VariableTable) -> bytes:
-    """`documentation/index.html`: what the model is, and its variables."""
+def _equations(model: Model) -> str:
+    """The model's README as HTML, without its last section, which points to the page that this becomes part of."""
+    text = (FMU_SRC / model / "README.md").read_text(encoding="utf-8")
+    return str(MarkdownIt("commonmark").enable("table").render(text.split("\n", 1)[1].rsplit("\n## Variables\n", 1)[0]))
+
+
+def index_html(model: Model) -> bytes:
+    """`documentation/index.html`: what the model is, its equations, and its variables."""
+    table = variable_table(model)
     lines = [
         f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{table.model}</title><style>{_STYLE}</style></head>',
         f"<body><h1>{table.model}</h1><p>{html.escape(table.description)}.</p>",
+        _equations(model),
     ]
     for title, causality in (("Parameters", "parameter"), ("Inputs", "input"), ("Outputs", "output")):
         lines += [f"<h2>{title}</h2><table>", _row(("Name", "Type", "Unit", "Start", "Min", "Max", "Meaning"), "th")]
@@ -45,10 +58,9 @@ def index_html(table: VariableTable) -> bytes:
     return ("\n".join(lines) + "\n</body></html>\n").encode()
 
 
-def license_text() -> bytes | None:
-    """The licence: beside the sources in a checkout, in the metadata of an installed package; None where it is in neither."""
+def licenses() -> dict[str, bytes]:
+    """Path in the FMU -> licence. Ours lies beside the sources in a checkout, and in the metadata of an installed package."""
     file = FMU_SRC.parent / "LICENSE"
-    if file.is_file():
-        return file.read_bytes()
-    text = distribution("deltaph").read_text("licenses/LICENSE")
-    return text.encode() if text else None
+    text = file.read_text(encoding="utf-8") if file.is_file() else distribution("deltaph").read_text("licenses/LICENSE")
+    files = {"license.txt": text.encode()} if text else {}
+    return {f"documentation/licenses/{name}": content for name, content in files.items()}

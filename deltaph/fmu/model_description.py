@@ -28,6 +28,11 @@ _LOG_CATEGORIES = {
 }
 
 
+def source_name(table: VariableTable) -> str:
+    """The name of the C file in a source FMU."""
+    return f"{table.model}.c"
+
+
 def _text(value: float | int) -> str:
     return str(value) if isinstance(value, int) else repr(value)
 
@@ -162,7 +167,9 @@ def model_description(table: VariableTable, version: FmiVersion, token: str) -> 
             "canSerializeFMUState": "true",
             "fixedInternalStepSize": STEP_SIZE,
         }
-    _add(root, "CoSimulation", **capabilities)
+    interface = _add(root, "CoSimulation", **capabilities)
+    if version == 2:
+        _add(_add(interface, "SourceFiles"), "File", name=source_name(table))
     _units(root, table)
     _enumerations(root, table, version)
     categories = _add(root, "LogCategories")

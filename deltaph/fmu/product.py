@@ -8,21 +8,22 @@ from collections.abc import Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from deltaph.errors import DeltaphError, EnvironmentProblem
+from deltaph.errors import EnvironmentProblem
 from deltaph.files import replace
 from deltaph.fmu import package, ssp
 from deltaph.fmu.compile import FLAGS, compiler
 from deltaph.fmu.model_description import FmiVersion, model_description
+from deltaph.fmu.platforms import chosen
 from deltaph.fmu.sources import token
 from deltaph.variables import MODELS, Model, variable_table
 
 FMI_VERSIONS: tuple[FmiVersion, ...] = (2, 3)
 
 
-def _compiled(wanted: Collection[tuple[Model, FmiVersion]]) -> dict[tuple[Model, FmiVersion], bytes]:
+def _compiled(wanted: Collection[tuple[Model, FmiVersion]], platform: str = "host") -> dict[tuple[Model, FmiVersion], bytes]:
     """FMUs, compiled side by side."""
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
-        return dict(zip(wanted, pool.map(lambda which: package.fmu(*which), wanted), strict=True))
+        return dict(zip(wanted, pool.map(lambda which: package.fmu(which[0], which[1], platform), wanted), strict=True))
 
 
 def _make_directory(directory: Path) -> None:
@@ -44,20 +45,21 @@ def build(directory: Path, fmi_versions: Collection[FmiVersion] = FMI_VERSIONS, 
     Args:
         directory: where to.
         fmi_versions: 2, 3 or both.
-        platform: `host`.
+        platform: `host`, with the C compiler of this machine; `all`, or the name of one, such as `aarch64-linux`, with zig.
 
     Returns:
         The files written.
 
     Raises:
-        DeltaphError: another platform is asked for.
+        DeltaphError: there is no such platform, or not in that FMI version.
         EnvironmentProblem: there is no compiler, it fails, or the directory cannot be written.
     """
-    if platform != "host":
-        raise DeltaphError(f"cannot build for {platform!r}: only 'host' is built, cross-compilation is not there yet")
-    _make_directory(directory)
     versions = [version for version in FMI_VERSIONS if version in fmi_versions]
-    fmus = _compiled([(model, version) for version in versions for model in MODELS])
+    for version in versions:
+        for target in (None,) if platform == "host" else chosen(platform, version):
+            compiler(target)
+    _make_directory(directory)
+    fmus = _compiled([(model, version) for version in versions for model in MODELS], platform)
     files: dict[str, bytes] = {}
     for version in versions:
         names = {model: package.file_name(model, version) for model in MODELS}

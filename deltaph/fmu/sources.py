@@ -14,6 +14,8 @@ from deltaph.variables import Model, variable_table
 
 _ADAPTERS: dict[FmiVersion, str] = {2: "fmi2.c", 3: "fmi3.c"}
 _NAMESPACE = uuid.uuid5(uuid.NAMESPACE_URL, "urn:deltaph:fmu")
+ELEMENTARY = FMU_SRC / "math" / "elementary.c"
+"""Elementary functions for where there is no libm: part of source FMUs alone."""
 
 
 def c_files(model: Model, version: FmiVersion) -> tuple[Path, ...]:
@@ -32,7 +34,7 @@ def token(model: Model, version: FmiVersion) -> str:
     """The instantiation token (FMI 2.0: GUID), a fingerprint of the variable table and of the C sources."""
     table = variable_table(model)
     digest = hashlib.sha256(f"{table.model} {version} {c_table.header(table)} {c_table.source(model, table, '')}".encode())
-    for file in (*c_files(model, version), *_headers(model)):
+    for file in (*c_files(model, version), *_headers(model), ELEMENTARY):
         digest.update(f"{file.relative_to(FMU_SRC).as_posix()}\n".encode())
         digest.update(file.read_bytes())
     return f"{{{uuid.uuid5(_NAMESPACE, digest.hexdigest())}}}"

@@ -6,15 +6,17 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 
 from deltaph.fmu.model_description import GENERATION_TOOL, STOP_TIME, FmiVersion
+from deltaph.fmu.terminals import JOINTS, MEMBERS
 from deltaph.fmu.units import base_unit
 from deltaph.variables import MODELS, Model, VariableTable, variable_table
 
 _NAMESPACES = {
     "xmlns:ssd": "http://ssp-standard.org/SSP1/SystemStructureDescription",
     "xmlns:ssc": "http://ssp-standard.org/SSP1/SystemStructureCommon",
+    "xmlns:ssv": "http://ssp-standard.org/SSP1/SystemStructureParameterValues",
 }
-_WIRES = {"position": "position_ref", "velocity": "velocity_ref", "acceleration": "acceleration_ref", "torque": "torque_ff"}
-"""Output of the planner's joint -> input of the plant's joint."""
+PARAMETER_SET = "defaults"
+"""The name of the set of parameters; Ecos applies it when asked to by this name."""
 
 _TYPES = {"Float64": "ssc:Real", "Int32": "ssc:Integer", "Boolean": "ssc:Boolean"}
 
@@ -25,17 +27,31 @@ def file_name(version: FmiVersion) -> str:
 
 
 def _connectors(component: ET.Element, table: VariableTable) -> None:
-    """Inputs and outputs. No enumerations: nothing is connected to them, and libcosim refuses systems that have them."""
+    """All variables. No enumerations: nothing is connected to them, and libcosim refuses systems that have them."""
     connectors = ET.SubElement(component, "ssd:Connectors")
-    for variable in (*table.of("input"), *table.of("output")):
+    for variable in (*table.of("parameter"), *table.of("input"), *table.of("output")):
         if variable.type in _TYPES:
             connector = ET.SubElement(connectors, "ssd:Connector", {"name": variable.name, "kind": variable.causality})
             ET.SubElement(connector, _TYPES[variable.type], {"unit": variable.unit} if variable.unit else {})
 
 
+def _parameters(component: ET.Element, table: VariableTable) -> None:
+    """The parameters with their start values: the place to edit them without opening an FMU."""
+    binding = ET.SubElement(ET.SubElement(component, "ssd:ParameterBindings"), "ssd:ParameterBinding")
+    values = ET.SubElement(binding, "ssd:ParameterValues")
+    parameter_set = ET.SubElement(values, "ssv:ParameterSet", {"version": "1.0", "name": PARAMETER_SET})
+    parameters = ET.SubElement(parameter_set, "ssv:Parameters")
+    for variable in table.of("parameter"):
+        if variable.type in _TYPES:
+            parameter = ET.SubElement(parameters, "ssv:Parameter", {"name": variable.name})
+            unit = {"unit": variable.unit} if variable.unit else {}
+            number = float(variable.start or 0) if variable.is_float else int(variable.start or 0)
+            ET.SubElement(parameter, _TYPES[variable.type].replace("ssc", "ssv"), {"value": repr(number), **unit})
+
+
 def _units(root: ET.Element, tables: list[VariableTable]) -> None:
     units = ET.SubElement(root, "ssd:Units")
-    for name in sorted({v.unit for table in tables for v in table if v.unit and v.causality != "parameter"}):
+    for name in sorted({v.unit for table in tables for v in table if v.unit}):
         unit = ET.SubElement(units, "ssc:Unit", {"name": name})
         ET.SubElement(unit, "ssc:BaseUnit", {base: str(exponent) for base, exponent in base_unit(name).items()})
 
@@ -54,9 +70,10 @@ def system_structure(sources: Mapping[Model, str]) -> bytes:
     for model, table in zip(MODELS, tables, strict=True):
         component = ET.SubElement(elements, "ssd:Component", {"name": model, "source": sources[model]})
         _connectors(component, table)
+        _parameters(component, table)
     connections = ET.SubElement(system, "ssd:Connections")
-    for signal, reference in _WIRES.items():
-        for joint in (1, 2, 3):
+    for signal, reference in MEMBERS.items():
+        for joint in JOINTS:
             ET.SubElement(
                 connections,
                 "ssd:Connection",

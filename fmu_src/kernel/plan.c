@@ -140,9 +140,10 @@ static dph_verdict pose_check(const dph_robot *robot, const double point[3], dph
  * 5 mm turn a joint by at most 5 mm / (0.1 * upper arm length), which changes the dexterity by less than it is. */
 static dph_verdict path_check(const dph_plan *plan)
 {
-    static const double spacing = 2.5e-3;
+    static const double spacing = 2.5e-3, most_intervals = 1e6;
     for (int piece = 0; piece < plan->pieces; ++piece) {
-        int intervals = 4 + (int)((plan->arc_boundary[piece + 1] - plan->arc_boundary[piece]) / spacing);
+        double length = plan->arc_boundary[piece + 1] - plan->arc_boundary[piece];
+        int intervals = 4 + (int)fmin(length / spacing, most_intervals); /* also where the length has overflowed to no number */
         double begin = plan->boundary[piece], step = (plan->boundary[piece + 1] - begin) / intervals;
         for (int i = 0; i <= intervals; ++i) {
             dph_setpoint setpoint;

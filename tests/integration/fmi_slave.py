@@ -9,9 +9,9 @@ from typing import Any
 
 from fmpy import extract
 
-from deltaph.fmu.host import host
 from deltaph.fmu.model_description import FmiVersion
 from deltaph.fmu.package import file_name
+from deltaph.fmu.platforms import host
 from deltaph.fmu.sources import token
 from deltaph.variables import Model, Variable, variable_table
 

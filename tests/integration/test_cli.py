@@ -139,7 +139,7 @@ def test_bad_arguments(tmp_path: Path, arguments: list[object], words: list[str]
 
 
 def test_no_compiler(tmp_path: Path) -> None:
-    result = deltaph("run", PAPER, cwd=tmp_path, env={"PATH": str(tmp_path), "CC": ""})
+    result = deltaph("run", PAPER, cwd=tmp_path, env={"PATH": str(tmp_path), "CC": "no-such-compiler"})
     assert_refused(result, 2, "C compiler")
 
 

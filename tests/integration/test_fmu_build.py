@@ -19,9 +19,9 @@ from lxml import etree  # type: ignore[import-untyped]
 from deltaph.errors import DeltaphError, EnvironmentProblem
 from deltaph.fmu import FMI_VERSIONS, build, cached_fmus
 from deltaph.fmu.compile import fmi_headers
-from deltaph.fmu.host import host
 from deltaph.fmu.model_description import FmiVersion
 from deltaph.fmu.package import file_name
+from deltaph.fmu.platforms import host
 from deltaph.fmu.sources import token
 from deltaph.variables import MODELS, Model, variable_table
 
@@ -161,9 +161,11 @@ def test_system_description_connects_what_there_is(dist: Path, name: str, versio
     schema.assertValid(etree.parse(tmp_path / "SystemStructure.ssd"))
 
 
-def test_other_platforms_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(DeltaphError, match="'win64': only 'host' is built"):
+def test_unknown_platforms_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(DeltaphError, match="'win64': choose host, all, x86_64-linux, "):
         build(tmp_path / "dist", platform="win64")
+    with pytest.raises(DeltaphError, match=r"FMI 2\.0 has no name for aarch64-linux: build it with --fmi 3"):
+        build(tmp_path / "dist", [2], platform="aarch64-linux")
     assert not (tmp_path / "dist").exists()
 
 
@@ -194,8 +196,12 @@ def test_a_compiler_that_does_not_work_is_one_sentence(
 def test_no_compiler_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr("deltaph.fmu.compile._package_folder", lambda _: None)
     with pytest.raises(EnvironmentProblem, match="install gcc or clang"):
         build(tmp_path / "dist")
+    with pytest.raises(EnvironmentProblem, match="building for x86_64-linux takes the package ziglang"):
+        build(tmp_path / "dist", platform="all")
+    assert not (tmp_path / "dist").exists()
 
 
 def test_cache_builds_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, dist: Path) -> None:
