@@ -1,4 +1,4 @@
-"""The command line as a user meets it: a process, its output, its exit code; every failure is one line and leaves nothing behind."""
+"""The command line as a user meets it: a process, its output, its exit code; a failure is one line and leaves nothing behind."""
 
 import csv
 import json
