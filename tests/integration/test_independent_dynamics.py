@@ -1,5 +1,6 @@
 """The kernel's dynamics against two independent engines that simulate the true mechanism: rods on ball joints, a free platform."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -30,10 +31,9 @@ class State:
         self.torque = random.uniform(-40.0, 40.0, 3)
         self.payload = random.uniform(0.0, 1.0)
 
-    def kernel(self) -> Any:
-        motion = ffi.new(
-            "dph_motion *", {"theta": self.theta.tolist(), "theta_d": self.rate.tolist(), "torque": self.torque.tolist()}
-        )
+    def kernel(self, force: Iterable[float] = (0.0, 0.0, 0.0)) -> Any:
+        state = {"theta": self.theta, "theta_d": self.rate, "torque": self.torque, "force": force}
+        motion = ffi.new("dph_motion *", {name: list(value) for name, value in state.items()})
         assert lib.dph_forward_dynamics(self.robot.struct, self.payload, motion)
         return motion
 
@@ -117,3 +117,27 @@ def test_a_trajectory_of_mujoco_converges_to_the_kernels() -> None:
     assert errors[0] < 5e-4
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
     assert errors[1] / errors[2] == pytest.approx(2.0, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", STATES)
+def test_a_force_on_the_platform_acts_as_in_pinocchio(seed: int) -> None:
+    state, force = State(seed, 0.0724), np.random.default_rng(seed).uniform(-50.0, 50.0, 3)
+    oracle = PinocchioDelta(state.parameters, state.payload)
+    q = oracle.configuration(state.theta, state.point)
+    joints, platform = oracle.forward(q, oracle.velocity(q, state.rate), state.torque, force)
+    motion = state.kernel(force)
+    assert difference(motion.theta_dd, joints) < 1e-10
+    assert difference(motion.point_dd, platform) < 1e-10
+    lib.dph_inverse_dynamics(state.robot.struct, state.payload, motion)
+    assert difference(motion.torque, state.torque) < 1e-10
+
+
+@pytest.mark.parametrize("seed", STATES)
+def test_a_mass_taken_up_in_motion_keeps_the_momentum(seed: int) -> None:
+    state, taken_up = State(seed, 0.0724), 1.5
+    oracle = PinocchioDelta(state.parameters, state.payload)
+    q = oracle.configuration(state.theta, state.point)
+    after = oracle.impact(q, oracle.velocity(q, state.rate), taken_up)
+    motion = state.kernel()
+    assert lib.dph_take_up(state.robot.struct, state.payload, taken_up, motion)
+    assert difference(motion.theta_d, after[oracle.theta]) < 1e-10
