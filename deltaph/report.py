@@ -49,8 +49,12 @@ def executed_facts(execution: Execution) -> dict[str, Any]:
         "tracking_error_tcp_max_m": execution.tracking_error_tcp_max,
         "motor_torque_max_Nm": list(execution.motor_torque_max),
         "motor_torque_rms_Nm": list(execution.motor_torque_rms),
+        "motor_load_max": list(execution.motor_load_max),
+        "motor_work_per_operation_J": list(execution.motor_work),
+        "motor_regenerated_per_operation_J": list(execution.motor_regenerated),
         "trip": execution.trip,
         "trip_time_s": execution.trip_time,
+        "trip_axis": execution.trip_axis,
     }
 
 
@@ -145,8 +149,16 @@ def print_run(
     )
     facts.add_row("motor torque, largest", "  ".join(f"{value:.2f}" for value in execution.motor_torque_max) + " N m")
     facts.add_row("motor torque, rms", "  ".join(f"{value:.2f}" for value in execution.motor_torque_rms) + " N m")
+    facts.add_row(
+        "motor work per operation, taken back",
+        "  ".join(
+            f"{given:.1f} J, {back:.1f} J" for given, back in zip(execution.motor_work, execution.motor_regenerated, strict=True)
+        ),
+    )
+    facts.add_row("motor load, largest (1 is rated)", "  ".join(f"{value:.3f}" for value in execution.motor_load_max))
     if execution.trip_time is not None:
-        facts.add_row("[bold red]trip[/]", f"{execution.trip} at {1e3 * execution.trip_time:g} ms")
+        axis = f" of axis {execution.trip_axis}" if execution.trip_axis else ""
+        facts.add_row("[bold red]trip[/]", f"{execution.trip}{axis} at {1e3 * execution.trip_time:g} ms")
     timing = timing_facts(trace)
     facts.add_row("step of both FMUs", f"median {timing['step_us']['p50']:.0f} us, 99 % {timing['step_us']['p99']:.0f} us")
     facts.add_row("real-time factor", f"{timing['real_time_factor']:.2f}")
