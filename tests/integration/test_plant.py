@@ -1,7 +1,7 @@
 """DeltaPlant: rests where it starts, follows its reference, trips when it has to, and stays finite whatever it is given."""
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,6 @@ from integration.fmi_slave import ERROR, OK, FmiSlave
 
 from deltaph.execution import Execution, Trace, evaluate
 from deltaph.fmu import cached_fmus
-from deltaph.fmu.model_description import FmiVersion
 from deltaph.importer import cosimulate, schedule
 from deltaph.kernel import ffi, lib
 from deltaph.robot import Robot
@@ -25,25 +24,6 @@ TRIPS = TABLE.items("Trip")
 QUANTUM = 2.0 * np.pi / 2**20 / 20.0  # of the encoder, at the joint [rad]
 POSITIONS = [f"joint[{i}].position" for i in (1, 2, 3)]
 INPUTS = [v.name for v in TABLE.of("input")]
-
-
-@pytest.fixture
-def new_plant(dist: Path, version: FmiVersion, tmp_path: Path) -> Iterator[Callable[[], FmiSlave]]:
-    """Makes plants, and frees them."""
-    plants: list[FmiSlave] = []
-
-    def make() -> FmiSlave:
-        plants.append(FmiSlave(dist, "plant", version, tmp_path))
-        return plants[-1]
-
-    yield make
-    for plant in plants:
-        plant.free()
-
-
-@pytest.fixture
-def plant(new_plant: Callable[[], FmiSlave]) -> FmiSlave:
-    return new_plant()
 
 
 def run(plant: FmiSlave, first: int, steps: int) -> np.ndarray:
