@@ -17,8 +17,8 @@ from deltaph.variables import variable_table
 
 Vector = NDArray[np.float64]
 
-DRIVE = {name: float(variable_table("plant")[f"drive.{name}"].start or 0.0) for name in ("gear_ratio", "gear_efficiency")}
-COULOMB, VISCOUS = 0.10, 5e-4  # the plant's friction [N m], [N m s/rad]; README of the plant
+_NAMES = ("gear_ratio", "gear_efficiency", "coulomb_friction", "viscous_friction")
+GEAR, EFFICIENCY, COULOMB, VISCOUS = (float(variable_table("plant")[f"drive.{name}"].start or 0.0) for name in _NAMES)
 EVERY = 3  # frames
 
 
@@ -37,8 +37,8 @@ def joint_torque(columns: dict[str, Vector]) -> Vector:
     """Joint torques (n, 3) from measured motor torques and speeds: gear and friction as the plant's README says."""
     motor, speed = (np.column_stack([columns[f"plant.motor[{i}].{name}"] for i in (1, 2, 3)]) for name in ("torque", "speed"))
     direction = np.tanh(speed)
-    losses = (1.0 - DRIVE["gear_efficiency"]) * np.abs(motor) * direction + COULOMB * direction + VISCOUS * speed
-    return np.asarray(DRIVE["gear_ratio"] * (motor - losses))
+    losses = (1.0 - EFFICIENCY) * np.abs(motor) * direction + COULOMB * direction + VISCOUS * speed
+    return np.asarray(GEAR * (motor - losses))
 
 
 @pytest.mark.parametrize("payload", [0.0, 0.35, 1.0])

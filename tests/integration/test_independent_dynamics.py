@@ -1,6 +1,7 @@
 """The kernel's dynamics against two independent engines that simulate the true mechanism: rods on ball joints, a free platform."""
 
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,11 @@ from reference.pinocchio_delta import PinocchioDelta
 
 from deltaph.kernel import ffi, lib
 from deltaph.robot import Robot
+from deltaph.scenario import load_scenario
 
 Vector = NDArray[np.float64]
 
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
 STATES = range(20)
 ARMATURES = pytest.mark.parametrize("armature", [0.0, 0.1], ids=["no rotor", "rotor"])
 
@@ -21,11 +24,11 @@ ARMATURES = pytest.mark.parametrize("armature", [0.0, 0.1], ids=["no rotor", "ro
 class State:
     """A random state of a robot, the same for the same seed: tcp in a box, payload, joint rates, torques."""
 
-    def __init__(self, seed: int, armature: float) -> None:
+    def __init__(self, seed: int, armature: float, robot: Robot | None = None, height: float = -0.775) -> None:
         random = np.random.default_rng(seed)
-        self.robot = Robot.default(drive_inertia=armature)
+        self.robot = Robot.default(drive_inertia=armature) if robot is None else robot
         self.parameters = {name.removeprefix("robot."): value for name, value in self.robot.parameters.items()}
-        self.point = np.array([*random.uniform(-0.25, 0.25, 2), random.uniform(-0.9, -0.65)])
+        self.point = np.array([*random.uniform(-0.25, 0.25, 2), height + random.uniform(-0.125, 0.125)])
         self.theta = self.robot.inverse_kinematics(self.point)
         self.rate = random.uniform(-5.0, 5.0, 3)
         self.torque = random.uniform(-40.0, 40.0, 3)
@@ -72,6 +75,18 @@ def test_forward_dynamics_agrees_with_mujocos_matrices(seed: int, armature: floa
     motion = state.kernel()
     assert difference(motion.theta_dd, joints) < 1e-8
     assert difference(motion.point_dd, platform) < 1e-8
+
+
+@pytest.mark.parametrize("seed", STATES)
+def test_another_robot_agrees_with_both_engines(seed: int) -> None:
+    state = State(seed, 0.0, load_scenario(SCENARIOS / "rl5.toml").robot, height=-1.05)
+    motion = state.kernel()
+    pinocchio, mujoco = PinocchioDelta(state.parameters, state.payload), MujocoDelta(state.parameters, state.payload)
+    q = pinocchio.configuration(state.theta, state.point)
+    mujoco.set_state(state.theta, state.point, state.rate)
+    joints, _ = pinocchio.forward(q, pinocchio.velocity(q, state.rate), state.torque, np.zeros(3))
+    assert difference(motion.theta_dd, joints) < 1e-10
+    assert difference(motion.theta_dd, mujoco.forward(state.torque, np.zeros(3))[0]) < 1e-8
 
 
 def torque_at(t: float) -> Vector:
