@@ -99,14 +99,13 @@ class Publisher:
             time.sleep(0.01)  # between two looks, so that waiting costs nothing
 
     def close(self) -> None:
-        """Send the summary, withdraw the token, close the session. A second call does nothing."""
+        """Send the summary and close the session, which ends the token. A second call does nothing."""
         if self._session.is_closed():
             return
         if "summary" in self._answers:
             payload, encoding = self._answers["summary"]
             block = zenoh.CongestionControl.BLOCK  # it ends the stream: it may wait, and must not be lost
             self._session.put(self._keys.of("summary"), payload, encoding=encoding, congestion_control=block)
-        self._token.undeclare()  # type: ignore[no-untyped-call]
         self._session.close()  # type: ignore[no-untyped-call]
 
     def _publisher(self, name: MessageName) -> zenoh.Publisher:

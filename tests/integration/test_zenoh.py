@@ -187,7 +187,7 @@ def test_lost_frames_show_as_gaps() -> None:
 def test_killed_cell_ends_the_messages() -> None:
     endpoint = free_endpoint()
     with subprocess.Popen(
-        [sys.executable, "-c", CELL_PROCESS, CELL, endpoint],
+        [sys.executable, "-P", "-c", CELL_PROCESS, CELL, endpoint],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
@@ -246,6 +246,7 @@ def test_subscribers_are_counted_whatever_they_subscribe_to() -> None:
             assert publisher.subscribers() == 0
             connected.declare_subscriber("deltaph/**", lambda _: None)
             publisher.wait_for_subscribers(1, DEADLINE)
+            assert publisher.subscribers() == 1
             other.declare_subscriber(f"deltaph/{CELL}/timing", lambda _: None)
             publisher.wait_for_subscribers(2, DEADLINE)
             assert publisher.subscribers() == 2
