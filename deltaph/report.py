@@ -149,12 +149,8 @@ def print_run(
     )
     facts.add_row("motor torque, largest", "  ".join(f"{value:.2f}" for value in execution.motor_torque_max) + " N m")
     facts.add_row("motor torque, rms", "  ".join(f"{value:.2f}" for value in execution.motor_torque_rms) + " N m")
-    facts.add_row(
-        "motor work per operation, taken back",
-        "  ".join(
-            f"{given:.1f} J, {back:.1f} J" for given, back in zip(execution.motor_work, execution.motor_regenerated, strict=True)
-        ),
-    )
+    work = zip(execution.motor_work, execution.motor_regenerated, strict=True)
+    facts.add_row("motor work per operation (taken back)", "  ".join(f"{given:.1f} ({back:.1f})" for given, back in work) + " J")
     facts.add_row("motor load, largest (1 is rated)", "  ".join(f"{value:.3f}" for value in execution.motor_load_max))
     if execution.trip_time is not None:
         axis = f" of axis {execution.trip_axis}" if execution.trip_axis else ""
