@@ -183,7 +183,8 @@ def summary_markdown(scenario: Scenario, facts: Mapping[str, Any]) -> str:
             rows.append(f"| {side} | {1e3 * prescribed:g} | {1e3 * planned[i]:.4f} | {1e3 * worst:.4f} | {verdict} |")
     motor = {name: max(executed[f"motor_torque_{name}_Nm"]) for name in ("max", "rms")}
     step_us, factor = facts["timing"]["step_us"]["p50"], facts["timing"]["real_time_factor"]
-    trip = "none" if executed["trip_time_s"] is None else f"**{executed['trip']}** at {1e3 * executed['trip_time_s']:g} ms"
+    axis = f" of axis {executed['trip_axis']}" if executed["trip_axis"] else ""
+    trip = "none" if executed["trip_time_s"] is None else f"**{executed['trip']}**{axis} at {1e3 * executed['trip_time_s']:g} ms"
     lines = [
         f"# Deviation {'kept' if kept else 'NOT kept'} in the machine",
         "",

@@ -7,7 +7,8 @@ import pytest
 
 from deltaph.errors import ScenarioError
 from deltaph.scenario import load_scenario, parse_scenario, template
-from deltaph.scenario_file import DriveSection, TripSection
+from deltaph.scenario_file import DriveSection, RobotSection, TripSection
+from deltaph.sources import ROBOTS
 from deltaph.variables import variable_table
 
 ROOT = Path(__file__).parents[2]
@@ -54,6 +55,15 @@ def test_a_named_robot_brings_its_drives_and_single_keys_override() -> None:
     assert scenario.plant["drive.torque_max"] == 9.0
     assert scenario.limits.joint_torque == pytest.approx((9.0 * 0.95 * 55.0,) * 3)
     assert scenario.robot.parameters["robot.drive_inertia"] == pytest.approx(55**2 * (2.07e-4 + 1.51e-4), rel=1e-3)
+
+
+@pytest.mark.parametrize("path", sorted(ROBOTS.glob("*.toml")), ids=lambda path: path.stem)
+def test_a_named_robot_is_complete_and_says_where_each_value_is_from(path: Path) -> None:
+    values = [line for line in path.read_text(encoding="utf-8").splitlines() if " = " in line.split("#")[0]]
+    for line in values:
+        assert len(line.partition("#")[2]) > 5, line
+    given = {line.partition(" = ")[0] for line in values}
+    assert given >= set(RobotSection.model_fields) - {"name"}
 
 
 def test_every_drive_and_trip_key_is_a_parameter_of_the_plant() -> None:
