@@ -72,16 +72,27 @@ def executed_values(execution: Execution) -> dict[str, list[float]]:
         "tracking_error_joint_mrad": [1e3 * execution.tracking_error_joint_max],
         "motor_torque_max_Nm": list(execution.motor_torque_max),
         "motor_torque_rms_Nm": list(execution.motor_torque_rms),
+        "motor_load_max": list(execution.motor_load_max),
+        "trip_axis": [float(execution.trip_axis)],
     }
 
 
-def evaluate_expectations(expect: ExpectSection, values: dict[str, list[float]]) -> list[Check]:
-    """Check every expectation for which there is a value. A plan that was to be refused and was not is a missed expectation."""
+def evaluate_expectations(expect: ExpectSection, values: dict[str, list[float]], trip: str | None = None) -> list[Check]:
+    """Check every expectation for which there is a value. A plan that was to be refused and was not is a missed expectation.
+
+    Args:
+        expect: what is expected.
+        values: what was found, by key.
+        trip: why the plant tripped; None where nothing was run. A run that trips has to be expected to.
+    """
     checks = [
         _check(name, expectation, values[name])
         for name in ExpectSection.model_fields
         if isinstance(expectation := getattr(expect, name), Expectation) and name in values
     ]
+    if trip is not None and (expect.trip is not None or trip != "none"):
+        expected = expect.trip or "none"
+        checks.append(Check("trip", trip, expected, trip == expected))
     if expect.refused is not None:
         checks.append(Check("refused", "accepted", expect.refused, False))
     return checks

@@ -60,8 +60,12 @@ class Execution:
         tracking_error_tcp_max: [m].
         motor_torque_max: of each motor [N m].
         motor_torque_rms: of each motor, from the first start to the last arrival [N m].
+        motor_load_max: greatest thermal load of each motor; 1 is that of the rated torque.
+        motor_work: mechanical energy that each motor gave, per operation [J].
+        motor_regenerated: mechanical energy that each motor took back, per operation [J].
         trip: why the plant tripped; `none` where it did not.
         trip_time: when [s].
+        trip_axis: 1 to 3, or 0 where none is meant.
     """
 
     corner_deviation: tuple[float, ...]
@@ -70,8 +74,12 @@ class Execution:
     tracking_error_tcp_max: float
     motor_torque_max: tuple[float, ...]
     motor_torque_rms: tuple[float, ...]
+    motor_load_max: tuple[float, ...]
+    motor_work: tuple[float, ...]
+    motor_regenerated: tuple[float, ...]
     trip: str
     trip_time: float | None
+    trip_axis: int
 
 
 def corner_deviation(time: FloatArray, position: FloatArray, velocity: FloatArray, vertex: FloatArray) -> float:
@@ -129,8 +137,8 @@ def evaluate(trace: Trace, run: Schedule) -> Execution:
     torque = trace["plant", "motor_torque"][moving]
     joint_error = trace["planner", "joint_position"] - trace["plant", "joint_position"]
     tcp_error = trace["planner", "tcp_position"] - position
+    arrival = min(run.arrival_step, len(position) - 1)
     trip = trace["plant", "trip"].astype(int)
-    tripped = np.flatnonzero(trip)
     return Execution(
         corner_deviation=tuple(deviations),
         overshoot=max(overshoots),
@@ -138,8 +146,12 @@ def evaluate(trace: Trace, run: Schedule) -> Execution:
         tracking_error_tcp_max=float(np.linalg.norm(tcp_error, axis=1).max()),
         motor_torque_max=tuple(np.abs(torque).max(axis=0).tolist()),
         motor_torque_rms=tuple(np.sqrt((torque**2).mean(axis=0)).tolist()),
+        motor_load_max=tuple(trace["plant", "motor_load"].max(axis=0).tolist()),
+        motor_work=tuple((trace["plant", "motor_work"][arrival] / len(run.operations)).tolist()),
+        motor_regenerated=tuple((trace["plant", "motor_regenerated"][arrival] / len(run.operations)).tolist()),
         trip=variable_table("plant").items("Trip")[int(trip[-1])],
-        trip_time=float(trace.time[tripped[0]]) if len(tripped) else None,
+        trip_time=float(trace.time[0] + trace["plant", "trip_time"][-1]) if trip[-1] else None,
+        trip_axis=int(trace["plant", "trip_axis"][-1]),
     )
 
 

@@ -6,9 +6,10 @@ so that this exchange shows no millisecond of lag as tracking error.
 
 from __future__ import annotations
 
+import math
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +18,7 @@ import numpy as np
 from deltaph.fmu.terminals import JOINTS, MEMBERS
 from deltaph.frame import TIMING, Frame
 from deltaph.plan import Plan
-from deltaph.scenario import Scenario, Task
+from deltaph.scenario import Fault, Scenario, Task
 from deltaph.slave import Slave
 from deltaph.variables import Model, variable_table
 
@@ -76,7 +77,7 @@ def schedule(scenario: Scenario, cycles: int | None = None) -> Schedule:
     there = Plan.of(scenario)
     plans = [there]
     if cycles is not None:
-        plans = [there, Plan(scenario.robot, scenario.task.reversed(), scenario.law, scenario.payload)] * cycles
+        plans = [there, Plan(scenario.robot, scenario.task.reversed(), scenario.law, scenario.declared_payload)] * cycles
     step = scenario.communication_step_ms
     operations: list[Operation] = []
     begins = [0, *np.cumsum([plan.duration_ms for plan in plans]).tolist()]
@@ -112,7 +113,7 @@ def planner_values(scenario: Scenario) -> dict[str, float]:
             "speed.corner_mid": law.corner_mid_speed,
             "speed.traverse": law.traverse_speed,
             "overlap": law.overlap,
-            "payload.mass": scenario.payload,
+            "payload.mass": scenario.declared_payload,
         }
     )
 
@@ -120,7 +121,7 @@ def planner_values(scenario: Scenario) -> dict[str, float]:
 def plant_values(scenario: Scenario) -> dict[str, float]:
     """Parameters and first inputs of the plant."""
     start = {f"start.{axis}": value for axis, value in zip("xyz", scenario.task.pick, strict=True)}
-    return {**scenario.robot.parameters, **variable_table("plant").gains[scenario.gains], **start, "payload.mass": scenario.payload}
+    return {**scenario.robot.parameters, **scenario.plant, **start, "payload.mass": scenario.payload}
 
 
 class _Link:
@@ -153,6 +154,20 @@ class _Request:
             self._planner.set(values)
 
 
+class _Faults:
+    """Sets plant inputs when the time of a fault has come."""
+
+    def __init__(self, plant: Slave, faults: Sequence[Fault], communication_step_ms: int) -> None:
+        self._plant = plant
+        step = communication_step_ms / 1000.0
+        # a time on the grid is meant to be on it, whatever rounding says
+        self._pending = [(math.ceil(fault.time / step - 1e-9), fault.inputs) for fault in faults]
+
+    def set(self, step: int) -> None:
+        while self._pending and self._pending[0][0] <= step:
+            self._plant.set(self._pending.pop(0)[1])
+
+
 def cosimulate(scenario: Scenario, run: Schedule, fmus: Mapping[Model, Path], *, realtime: bool = False) -> Iterator[Frame]:
     """Co-simulate a scenario; yields frame 0, the initial state, and one frame per step.
 
@@ -175,6 +190,7 @@ def cosimulate(scenario: Scenario, run: Schedule, fmus: Mapping[Model, Path], *,
         plant.set(plant_values(scenario))
         link = _Link(planner, plant)
         requests = _Request(planner, run)
+        faults = _Faults(plant, scenario.faults, run.communication_step_ms)
         planner.initialize(0.0)
         planner.start()
         planner.read()
@@ -183,11 +199,11 @@ def cosimulate(scenario: Scenario, run: Schedule, fmus: Mapping[Model, Path], *,
         plant.write()
         plant.start()
         plant.read()
-        yield from _loop(planner, plant, link, requests, run.steps, size, realtime)
+        yield from _loop(planner, plant, link, requests, faults, run.steps, size, realtime)
 
 
 def _loop(
-    planner: Slave, plant: Slave, link: _Link, requests: _Request, steps: int, size: float, realtime: bool
+    planner: Slave, plant: Slave, link: _Link, requests: _Request, faults: _Faults, steps: int, size: float, realtime: bool
 ) -> Iterator[Frame]:
     """The step loop. All frames' memory is allocated here, before the first step."""
     planner_floats = np.empty((steps + 1, len(planner.outputs)))
@@ -206,6 +222,7 @@ def _loop(
         if n > 0:
             t = (n - 1) * size
             requests.post(n - 1)
+            faults.set(n - 1)
             link.move()
             plant.write()
             t0 = clock()

@@ -116,7 +116,7 @@ class Plan:
     @classmethod
     def of(cls, scenario: Scenario) -> Plan:
         """The plan of a scenario."""
-        return cls(scenario.robot, scenario.task, scenario.law, scenario.payload)
+        return cls(scenario.robot, scenario.task, scenario.law, scenario.declared_payload)
 
     @property
     def duration(self) -> float:

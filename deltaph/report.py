@@ -49,8 +49,12 @@ def executed_facts(execution: Execution) -> dict[str, Any]:
         "tracking_error_tcp_max_m": execution.tracking_error_tcp_max,
         "motor_torque_max_Nm": list(execution.motor_torque_max),
         "motor_torque_rms_Nm": list(execution.motor_torque_rms),
+        "motor_load_max": list(execution.motor_load_max),
+        "motor_work_per_operation_J": list(execution.motor_work),
+        "motor_regenerated_per_operation_J": list(execution.motor_regenerated),
         "trip": execution.trip,
         "trip_time_s": execution.trip_time,
+        "trip_axis": execution.trip_axis,
     }
 
 
@@ -145,8 +149,12 @@ def print_run(
     )
     facts.add_row("motor torque, largest", "  ".join(f"{value:.2f}" for value in execution.motor_torque_max) + " N m")
     facts.add_row("motor torque, rms", "  ".join(f"{value:.2f}" for value in execution.motor_torque_rms) + " N m")
+    work = zip(execution.motor_work, execution.motor_regenerated, strict=True)
+    facts.add_row("motor work per operation (taken back)", "  ".join(f"{given:.1f} ({back:.1f})" for given, back in work) + " J")
+    facts.add_row("motor load, largest (1 is rated)", "  ".join(f"{value:.3f}" for value in execution.motor_load_max))
     if execution.trip_time is not None:
-        facts.add_row("[bold red]trip[/]", f"{execution.trip} at {1e3 * execution.trip_time:g} ms")
+        axis = f" of axis {execution.trip_axis}" if execution.trip_axis else ""
+        facts.add_row("[bold red]trip[/]", f"{execution.trip}{axis} at {1e3 * execution.trip_time:g} ms")
     timing = timing_facts(trace)
     facts.add_row("step of both FMUs", f"median {timing['step_us']['p50']:.0f} us, 99 % {timing['step_us']['p99']:.0f} us")
     facts.add_row("real-time factor", f"{timing['real_time_factor']:.2f}")
@@ -175,7 +183,8 @@ def summary_markdown(scenario: Scenario, facts: Mapping[str, Any]) -> str:
             rows.append(f"| {side} | {1e3 * prescribed:g} | {1e3 * planned[i]:.4f} | {1e3 * worst:.4f} | {verdict} |")
     motor = {name: max(executed[f"motor_torque_{name}_Nm"]) for name in ("max", "rms")}
     step_us, factor = facts["timing"]["step_us"]["p50"], facts["timing"]["real_time_factor"]
-    trip = "none" if executed["trip_time_s"] is None else f"**{executed['trip']}** at {1e3 * executed['trip_time_s']:g} ms"
+    axis = f" of axis {executed['trip_axis']}" if executed["trip_axis"] else ""
+    trip = "none" if executed["trip_time_s"] is None else f"**{executed['trip']}**{axis} at {1e3 * executed['trip_time_s']:g} ms"
     lines = [
         f"# Deviation {'kept' if kept else 'NOT kept'} in the machine",
         "",

@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from deltaph.errors import InfeasibleError
+from deltaph.errors import InfeasibleError, ScenarioError
 from deltaph.kernel import enumeration, ffi, lib, sentence
 from deltaph.variables import variable_table
 
@@ -52,6 +52,35 @@ class Robot:
                 raise KeyError(f"a robot has no parameter {name!r}")
             parameters[f"robot.{name}"] = value
         return cls(parameters)
+
+    def require_possible(self) -> None:
+        """Refuse what no body and no mechanism can be.
+
+        Raises:
+            ScenarioError: an inertia is not positive definite, the arms cannot span base and platform, or the joint range is empty.
+        """
+        value = {name.removeprefix("robot."): parameter for name, parameter in self.parameters.items()}
+        least = value["upper_arm_mass"] * value["upper_arm_com"] ** 2  # parallel axes: the rest is the inertia about its centre
+        if value["upper_arm_inertia"] < least:
+            raise ScenarioError(
+                f"robot.upper_arm_inertia_kg_m2 is {value['upper_arm_inertia']:.6g}: an arm of {value['upper_arm_mass']:g} kg with "
+                f"its centre {1e3 * value['upper_arm_com']:g} mm from the shoulder has at least {least:.6g} kg m2"
+            )
+        mass, length, inertia = value["forearm_mass"], value["forearm_length"], value["forearm_inertia"]
+        if inertia > mass * length**2 / 4.0:  # all mass at the ends
+            raise ScenarioError(
+                f"robot.forearm_inertia_kg_m2 is {inertia:.6g}: rods of {mass:g} kg and {1e3 * length:g} mm have at most "
+                f"{mass * length**2 / 4.0:.6g} kg m2"
+            )
+        reach, span = value["upper_arm_length"] + value["forearm_length"], abs(value["base_radius"] - value["platform_radius"])
+        if reach <= span:
+            raise ScenarioError(
+                f"the robot cannot close: upper arm and forearm are {1e3 * reach:g} mm long together, base and platform are "
+                f"{1e3 * span:g} mm apart"
+            )
+        low, high = (float(np.degrees(value[f"joint_position_{end}"])) for end in ("min", "max"))
+        if low >= high:
+            raise ScenarioError(f"robot.joint_position_max_deg is {high:g}: the joint range begins at {low:g} deg")
 
     @cached_property
     def struct(self) -> Any:

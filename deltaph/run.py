@@ -52,7 +52,7 @@ class Result:
     Attributes:
         frames: all of them.
         facts: the JSON report.
-        ok: every expectation is met and the plant did not trip.
+        ok: every expectation is met, and the plant tripped only if it was expected to.
     """
 
     frames: Sequence[Frame]
@@ -109,7 +109,8 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
 
         trace = Trace(frames)
         execution = evaluate(trace, run)
-        checks = evaluate_expectations(scenario.expect, planned_values(plan) | executed_values(execution))
+        values = planned_values(plan) | executed_values(execution)
+        checks = evaluate_expectations(scenario.expect, values, execution.trip)
         facts = {
             "scenario": str(path),
             "law": scenario.law.name,
@@ -133,7 +134,7 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
     print_run(console, scenario, plan, execution, trace, checks)
     if options.record is not None:
         log.print(f"recorded {options.record}: open it with `deltaph view {options.record}`", style="dim", soft_wrap=True)
-    return Result(frames, facts, execution.trip == "none" and all(check.ok for check in checks))
+    return Result(frames, facts, all(check.ok for check in checks))
 
 
 def _with_progress(frames: Iterator[Frame], run: Schedule, log: Console) -> Iterator[Frame]:

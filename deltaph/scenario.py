@@ -16,7 +16,7 @@ from pydantic import BaseModel, ValidationError
 
 from deltaph.errors import ScenarioError
 from deltaph.robot import Robot
-from deltaph.scenario_file import ExpectSection, ScenarioFile
+from deltaph.scenario_file import DriveSection, ExpectSection, FaultSection, RobotSection, ScenarioFile, named_robot
 from deltaph.variables import variable_table
 
 Pair = tuple[float, float]
@@ -28,7 +28,13 @@ def _from_mm(value: float) -> float:
 
 
 _UNITS = {"_mm": _from_mm, "_ms": _from_mm, "_deg": math.radians}
-"""Suffixes whose unit is not SI. The others (_m_s, _kg, _Nm, ...) only go away."""
+"""Suffixes whose unit is not SI."""
+
+_SI_UNITS = (
+    *("_Nm_s_rad", "_m_s", "_rad_s3", "_rad_s2", "_rad_s", "_1_s", "_kg_m2"),  # longer ones first
+    *("_Nm", "_kg", "_rad", "_Hz", "_N", "_s"),
+)
+"""Suffixes that only go away."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,14 +80,28 @@ class Limits:
     tcp_speed: float
 
     @classmethod
-    def of_drives(cls) -> Self:
-        """What motor and gear allow: greatest speed, and peak torque after gear loss."""
-        plant = variable_table("plant")
-        gear = float(plant["drive.gear_ratio"].start or 0.0)
-        speed = float(plant["drive.speed_max"].start or 0.0) / gear
-        torque = float(plant["drive.torque_max"].start or 0.0) * float(plant["drive.gear_efficiency"].start or 0.0) * gear
+    def of_drives(cls, parameters: Mapping[str, float]) -> Self:
+        """What motor and gear allow, with some plant parameters set: greatest speed, and peak torque after gear loss."""
+        table = variable_table("plant")
+        names = ("gear_ratio", "gear_efficiency", "speed_max", "torque_max")
+        starts = {f"drive.{name}": float(table[f"drive.{name}"].start or 0.0) for name in names}
+        gear, efficiency, speed_max, torque_max = (parameters.get(name, start) for name, start in starts.items())
+        speed, torque = speed_max / gear, torque_max * efficiency * gear
         unlimited = (math.inf,) * 3
         return cls((speed,) * 3, unlimited, unlimited, (torque,) * 3, math.inf)
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """What happens during a run.
+
+    Attributes:
+        time: when [s].
+        inputs: plant input -> value from then on.
+    """
+
+    time: float
+    inputs: Mapping[str, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +114,10 @@ class Scenario:
         document: the file's content as parsed.
         sha256: hash of the file's content.
         payload: mass [kg].
+        declared_payload: what the planner is told [kg].
         gains: name of the drives' gain set.
+        plant: parameters of the plant that are not the robot's.
+        faults: in order of time.
         communication_step: whole number of milliseconds.
         settle: co-simulated after arrival [s].
         cell: name of the cell in Zenoh keys.
@@ -110,7 +133,10 @@ class Scenario:
     law: Law
     limits: Limits
     payload: float
+    declared_payload: float
     gains: str
+    plant: Mapping[str, float]
+    faults: tuple[Fault, ...]
     communication_step_ms: int
     settle: float
     cell: str
@@ -131,8 +157,8 @@ def _si(section: BaseModel) -> dict[str, Any]:
         for suffix, conversion in _UNITS.items():
             if key.endswith(suffix):
                 name, convert = key.removesuffix(suffix), conversion
-        for suffix in ("_m_s", "_rad_s3", "_rad_s2", "_rad_s", "_Nm", "_kg_m2", "_kg"):
-            name = name.removesuffix(suffix)
+        if name == key:
+            name = key.removesuffix(next((unit for unit in _SI_UNITS if key.endswith(unit)), ""))
         if isinstance(value, str):
             result[name] = value
         elif isinstance(value, Sequence):
@@ -146,9 +172,9 @@ def _pair(value: float | Pair) -> Pair:
     return value if isinstance(value, tuple) else (value, value)
 
 
-def _limits(section: BaseModel | None) -> Limits:
+def _limits(section: BaseModel | None, plant: Mapping[str, float]) -> Limits:
     if section is None:
-        return Limits.of_drives()
+        return Limits.of_drives(plant)
     given = _si(section)
     joint = {
         key: value if isinstance(value := given.get(key, math.inf), tuple) else (value,) * 3
@@ -157,10 +183,55 @@ def _limits(section: BaseModel | None) -> Limits:
     return Limits(**joint, tcp_speed=given.get("tcp_speed", math.inf))
 
 
+def _robot(sections: Sequence[RobotSection]) -> Robot:
+    """The robot that these sections say, later ones first."""
+    given: dict[str, float] = {}
+    for section in sections:
+        values = _si(section)
+        del values["name"]
+        for short in ("upper_arm", "forearm"):
+            if short in values:
+                values[f"{short}_length"] = values.pop(short)
+        given |= values
+    robot = Robot.default(**given)
+    robot.require_possible()
+    return robot
+
+
+def _drive(section: DriveSection) -> dict[str, float]:
+    """Plant parameters of a section; of its gain set nothing."""
+    return {f"drive.{name}": value for name, value in _si(section).items() if name != "gains"}
+
+
+_OF_AXIS = {
+    "torque_gain": "motor[{}].torque_gain",
+    "torque_limit": "motor[{}].torque_limit",
+    "encoder_offset": "encoder[{}].offset",
+    "encoder_stuck": "encoder[{}].stuck",
+}
+"""Effect of a fault -> plant input of an axis."""
+
+
+def _fault(section: FaultSection) -> Fault:
+    effects = _si(section)
+    time, axis = effects.pop("time"), effects.pop("axis", None)
+    inputs: dict[str, float] = {}
+    for name, value in effects.items():
+        if name in _OF_AXIS:
+            inputs |= {_OF_AXIS[name].format(i): value for i in (1, 2, 3) if axis in (None, i)}
+        elif name == "tcp_force":
+            inputs |= {f"tcp.force.{letter}": component for letter, component in zip("xyz", value, strict=True)}
+        else:
+            inputs["payload.mass" if name == "payload_mass" else name] = value
+    return Fault(time, inputs)
+
+
 def _known_keys(location: Sequence[str | int]) -> list[str]:
     """The keys that a table of the file may have."""
     model: type[BaseModel] = ScenarioFile
     for part in location:
+        if isinstance(part, int):
+            continue  # one of several tables
         field = next((f for name, f in model.model_fields.items() if part in {name, f.alias}), None)
         if field is None:
             return []
@@ -240,16 +311,21 @@ def _parse(document: Mapping[str, Any], path: Path, sha256: str) -> Scenario:
         raise ScenarioError(f"{path}: {_say(errors[0])}{more}") from error
 
     task = _si(file.task)
-    robot = _si(file.robot)
-    for short in ("upper_arm", "forearm"):
-        if short in robot:
-            robot[f"{short}_length"] = robot.pop(short)
+    named, its_drive = named_robot(file.robot.name)
+    try:
+        robot = _robot((named, file.robot))
+    except ScenarioError as error:
+        raise ScenarioError(f"{path}: {error}") from error
+    gains = variable_table("plant").gains[file.drive.gains]
+    trips = {f"trip_threshold.{name}": value for name, value in _si(file.trip).items()}
+    plant = {**_drive(its_drive), **gains, **_drive(file.drive), **trips}
+    payload, declared = file.payload.mass_kg, file.payload.declared_mass_kg
     return Scenario(
         title=file.title,
         path=path,
         document=document,
         sha256=sha256,
-        robot=Robot.default(**robot),
+        robot=robot,
         task=Task(
             pick=task["pick"],
             place=task["place"],
@@ -257,9 +333,12 @@ def _parse(document: Mapping[str, Any], path: Path, sha256: str) -> Scenario:
             corner_deviation=_pair(task["corner_deviation"]),
         ),
         law=Law(**_si(file.law)),
-        limits=_limits(file.limits),
-        payload=file.payload.mass_kg,
+        limits=_limits(file.limits, plant),
+        payload=payload,
+        declared_payload=payload if declared is None else declared,
         gains=file.drive.gains,
+        plant=plant,
+        faults=tuple(sorted(map(_fault, file.fault), key=lambda fault: fault.time)),
         communication_step_ms=round(file.run.communication_step_ms),
         settle=file.run.settle_ms / 1000.0,
         cell=file.run.cell,

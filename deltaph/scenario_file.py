@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+import tomllib
+from typing import Annotated, Any, Literal, Self
 
-from annotated_types import Ge, Gt, MinLen
+from annotated_types import Ge, Gt, Le, MinLen
 from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 
+from deltaph.sources import ROBOTS
 from deltaph.variables import variable_table
 
 Positive = Annotated[float, Gt(0)]
@@ -14,11 +16,14 @@ NonNegative = Annotated[float, Ge(0)]
 # TOML has arrays, not tuples: these alone are not strict.
 Point = Annotated[tuple[float, float, float], Strict(False)]
 PerJoint = Positive | Annotated[tuple[Positive, Positive, Positive], Strict(False)]
+Share = Annotated[float, Ge(0), Le(1)]
 PerCorner = Positive | Annotated[tuple[Positive, Positive], Strict(False)]
 
 _LAWS = variable_table("planner").items("Law")
 _GAINS = tuple(variable_table("plant").gains)
 _STATUS = variable_table("planner").items("PlanStatus")
+_TRIPS = variable_table("plant").items("Trip")
+_ROBOTS = ("default", *sorted(path.stem for path in ROBOTS.glob("*.toml")))
 
 
 def _one_of(value: str, choices: tuple[str, ...]) -> str:
@@ -34,8 +39,9 @@ class Section(BaseModel):
 
 
 class RobotSection(Section):
-    """The robot; what is absent keeps the default robot's value."""
+    """The robot; what is absent keeps the value of the named robot."""
 
+    name: str = Field("default", description="named robot to start from", json_schema_extra={"enum": list(_ROBOTS)})
     base_radius_mm: Positive | None = Field(None, description="shoulder axes to the vertical axis of the base")
     platform_radius_mm: NonNegative | None = Field(None, description="forearm joints to the vertical axis of the platform")
     upper_arm_mm: Positive | None = Field(None, description="shoulder axis to elbow")
@@ -49,6 +55,11 @@ class RobotSection(Section):
     drive_inertia_kg_m2: NonNegative | None = Field(None, description="rotor and gear, reflected to the joint")
     joint_position_min_deg: float | None = Field(None, description="from horizontal, positive downwards")
     joint_position_max_deg: float | None = None
+
+    @model_validator(mode="after")
+    def _name(self) -> Self:
+        _one_of(self.name, _ROBOTS)
+        return self
 
 
 class TaskSection(Section):
@@ -102,16 +113,68 @@ class PayloadSection(Section):
     """What the gripper carries."""
 
     mass_kg: NonNegative = 0.0
+    declared_mass_kg: NonNegative | None = Field(None, description="what the planner is told, where that is something else")
 
 
 class DriveSection(Section):
-    """The servo drives."""
+    """The servo drives: a gain set, and single values that replace those of gain set and robot."""
 
     gains: str = Field("tuned", description="named gain set", json_schema_extra={"enum": list(_GAINS)})
+    gear_ratio: float | None = Field(None, ge=1, description="motor turns per joint turn")
+    gear_efficiency: float | None = Field(None, ge=0.1, le=1)
+    coulomb_friction_Nm: NonNegative | None = Field(None, description="at the motor")
+    viscous_friction_Nm_s_rad: NonNegative | None = Field(None, description="at the motor")
+    torque_max_Nm: NonNegative | None = Field(None, description="momentary peak torque of the motor")
+    torque_rated_Nm: Positive | None = Field(None, description="torque that the motor stands in the long run")
+    thermal_time_constant_s: Positive | None = None
+    speed_max_rad_s: NonNegative | None = Field(None, description="greatest motor speed")
+    torque_time_constant_ms: Positive | None = Field(None, description="lag of the torque loop")
+    encoder_counts: int | None = Field(None, ge=16, le=2**30, description="per motor turn")
+    nominal_inertia_kg_m2: Positive | None = Field(None, description="at the motor shaft; the velocity gain is made for it")
+    position_gain_1_s: NonNegative | None = None
+    velocity_bandwidth_Hz: NonNegative | None = None
+    integral_time_ms: Positive | None = None
+    velocity_feedforward: Share | None = None
+    torque_feedforward: Share | None = None
 
     @model_validator(mode="after")
     def _gains(self) -> Self:
         _one_of(self.gains, _GAINS)
+        return self
+
+
+class TripSection(Section):
+    """When the plant trips; what is absent keeps its default."""
+
+    position_deviation_rad: NonNegative | None = Field(None, description="joint angle, reference against encoder")
+    overspeed: float | None = Field(None, ge=1, description="in parts of the greatest motor speed")
+    overload: NonNegative | None = Field(None, description="thermal load; 1 is that of the rated torque")
+    encoder_rad: NonNegative | None = Field(None, description="motor angle by which an encoder may be wrong")
+    joint_range_rad: NonNegative | None = Field(None, description="angle by which a joint may leave its range")
+
+
+class FaultSection(Section):
+    """What happens at a time and lasts until something else is said: a fault, a disturbance, or its end."""
+
+    time_ms: NonNegative = Field(description="takes effect at the first communication point from then on")
+    axis: Literal[1, 2, 3] | None = Field(None, description="of torque and encoder faults; absent: all three")
+    torque_gain: Share | None = Field(None, description="share of its torque that the motor gives; 0: none")
+    torque_limit_Nm: NonNegative | None = Field(None, description="limit of the motor torque")
+    encoder_offset_deg: float | None = Field(None, description="joint angle by which the encoder reads too much")
+    encoder_stuck: bool | None = Field(None, description="the encoder repeats its last reading")
+    payload_mass_kg: NonNegative | None = Field(None, description="what the platform really carries; what is added was at rest")
+    tcp_force_N: Point | None = Field(None, description="force from outside on the platform")
+    servo_on: bool | None = None
+    brake: bool | None = None
+
+    @model_validator(mode="after")
+    def _effects(self) -> Self:
+        given = self.model_dump(exclude_none=True, exclude={"time_ms", "axis"})
+        if not given:
+            raise ValueError("give what happens, such as torque_gain = 0.0")
+        of_an_axis = [name for name in given if name.startswith(("torque", "encoder"))]
+        if self.axis is not None and not of_an_axis:
+            raise ValueError("axis goes with torque_gain, torque_limit_Nm, encoder_offset_deg or encoder_stuck")
         return self
 
 
@@ -166,12 +229,17 @@ class ExpectSection(Section):
     tracking_error_joint_mrad: Expectation | None = None
     motor_torque_max_Nm: Expectation | None = None
     motor_torque_rms_Nm: Expectation | None = None
+    motor_load_max: Expectation | None = Field(None, description="thermal load; 1 is that of the rated torque")
+    trip: str | None = Field(None, description="the plant trips for this reason", json_schema_extra={"enum": list(_TRIPS)})
+    trip_axis: Expectation | None = None
     refused: str | None = Field(None, description="the plan is refused for this reason", json_schema_extra={"enum": list(_STATUS)})
 
     @model_validator(mode="after")
-    def _refused(self) -> Self:
+    def _reasons(self) -> Self:
         if self.refused is not None:
             _one_of(self.refused, _STATUS)
+        if self.trip is not None:
+            _one_of(self.trip, _TRIPS)
         return self
 
 
@@ -186,5 +254,23 @@ class ScenarioFile(Section):
     limits: LimitsSection | None = None
     payload: PayloadSection = PayloadSection()
     drive: DriveSection = DriveSection()
+    trip: TripSection = TripSection()
+    fault: Annotated[tuple[FaultSection, ...], Strict(False)] = ()
     run: RunSection = RunSection()
     expect: ExpectSection = ExpectSection()
+
+
+class RobotFile(Section):
+    """A named robot: the tables of a scenario that say what it is."""
+
+    robot: RobotSection
+    drive: DriveSection = DriveSection()
+
+
+def named_robot(name: str) -> tuple[RobotSection, DriveSection]:
+    """The data of a named robot; the default one is what the variable tables start with."""
+    document: dict[str, Any] = {"robot": {}}
+    if name != "default":
+        document = tomllib.loads((ROBOTS / f"{name}.toml").read_text(encoding="utf-8"))
+    data = RobotFile.model_validate(document)
+    return data.robot, data.drive

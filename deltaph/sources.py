@@ -14,3 +14,6 @@ def _find() -> Path:
 
 
 FMU_SRC = _find()
+
+ROBOTS = Path(__file__).resolve().parent / "robots"
+"""Where the named robots lie."""

@@ -5,7 +5,7 @@
  * transverse inertia If has
  *   T = mf |(E + p)' / 2|^2 / 2 + (If / l^2) |p' - E'|^2 / 2,
  * which makes M constant but for the coupling of arm and platform. No part of it is lumped to elbow and platform.
- *   M q'' + h + J^T lambda = (tau, 0) */
+ *   M q'' + h + J^T lambda = (tau, force) */
 #include <math.h>
 
 #include "delta_arms.h"
@@ -36,6 +36,14 @@ static Inertia inertia_of(const dph_robot *robot, double payload)
     return inertia;
 }
 
+/* Platform rows of h, less the force from outside. */
+static void platform_load(const Inertia *m, const dph_motion *motion, double force[3])
+{
+    force[0] = 0.0 - motion->force[0];
+    force[1] = 0.0 - motion->force[1];
+    force[2] = m->platform_weight - motion->force[2];
+}
+
 /* lambda from the platform rows A^T lambda = -f_p. */
 static void multipliers(const dph_inverse *inverse, const double platform_force[3], double lambda[3])
 {
@@ -48,8 +56,9 @@ void dph_inverse_dynamics(const dph_robot *robot, double payload, dph_motion *mo
     Inertia m = inertia_of(robot, payload);
     dph_arm arm[3];
     dph_inverse inverse;
-    double s[3][3], force[3] = {0.0, 0.0, m.platform_weight};
+    double s[3][3], force[3];
 
+    platform_load(&m, motion, force);
     for (int i = 0; i < 3; ++i) {
         arm_at(robot, i, motion->theta[i], &arm[i]);
         forearm_at(robot, i, &arm[i], motion->point, s[i]);
@@ -89,62 +98,90 @@ static int solve_definite(double a[3][3], double f[3])
     return 1;
 }
 
+/* The arms of a pose with its Jacobian. */
+typedef struct {
+    dph_arm arm[3];
+    double s[3][3];
+    dph_inverse inverse; /* of A */
+    double jp[3][3];     /* columns of Jp = A^-1 diag(b) */
+} Pose;
+
+static void pose_at(const dph_robot *robot, const double point[3], Pose *pose)
+{
+    for (int i = 0; i < 3; ++i)
+        forearm_at(robot, i, &pose->arm[i], point, pose->s[i]);
+    invert_rows(pose->s, &pose->inverse);
+    for (int i = 0; i < 3; ++i) {
+        double b = dot(pose->s[i], pose->arm[i].elbow_d);
+        for (int k = 0; k < 3; ++k)
+            pose->jp[i][k] = b * pose->inverse.column[i][k];
+    }
+}
+
+/* p' = Jp theta'. */
+static void platform_velocity(const Pose *pose, const double w[3], double velocity[3])
+{
+    velocity[0] = velocity[1] = velocity[2] = 0.0;
+    for (int i = 0; i < 3; ++i)
+        add_scaled(velocity, w[i], pose->jp[i]);
+}
+
+/* The lower triangle of T^T M T. */
+static void reduced_mass(const Inertia *m, const Pose *pose, double mass[3][3])
+{
+    for (int i = 0; i < 3; ++i) {
+        for (int k = 0; k <= i; ++k)
+            mass[i][k] = m->coupling * (dot(pose->arm[i].elbow_d, pose->jp[k]) + dot(pose->arm[k].elbow_d, pose->jp[i])) +
+                         m->platform * dot(pose->jp[i], pose->jp[k]);
+        mass[i][i] += m->arm;
+    }
+}
+
 /* With p' = Jp theta' and p'' = Jp theta'' + c, Jp = A^-1 diag(b), the equations of motion become
- *   (T^T M T) theta'' = tau - T^T (h + M (0, c)),  T = [1; Jp]. */
+ *   (T^T M T) theta'' = tau - T^T (h - force + M (0, c)),  T = [1; Jp]. */
 int dph_forward_dynamics(const dph_robot *robot, double payload, dph_motion *motion)
 {
     Inertia m = inertia_of(robot, payload);
     const double *w = motion->theta_d;
-    dph_arm arm[3];
-    dph_inverse inverse;
-    double s[3][3], jp[3][3]; /* jp: columns of Jp */
-
+    Pose pose;
     for (int i = 0; i < 3; ++i)
-        arm_at(robot, i, motion->theta[i], &arm[i]);
-    if (!platform_below(robot, arm, motion->point))
+        arm_at(robot, i, motion->theta[i], &pose.arm[i]);
+    if (!platform_below(robot, pose.arm, motion->point))
         return 0;
-    for (int i = 0; i < 3; ++i)
-        forearm_at(robot, i, &arm[i], motion->point, s[i]);
-    invert_rows(s, &inverse);
+    pose_at(robot, motion->point, &pose);
+    const dph_arm *arm = pose.arm;
 
-    double velocity[3] = {0.0, 0.0, 0.0};
-    for (int i = 0; i < 3; ++i) {
-        double b = dot(s[i], arm[i].elbow_d);
-        for (int k = 0; k < 3; ++k)
-            jp[i][k] = b * inverse.column[i][k];
-        add_scaled(velocity, w[i], jp[i]);
-    }
+    double velocity[3];
+    platform_velocity(&pose, w, velocity);
 
     /* c = -A^-1 gamma, gamma_i = |s'_i|^2 - (s_i . E''_i) w_i^2; force: h_p, then h_p + M_pp c. */
-    double bias[3] = {0.0, 0.0, 0.0}, force[3] = {0.0, 0.0, m.platform_weight};
+    double bias[3] = {0.0, 0.0, 0.0}, force[3];
+    platform_load(&m, motion, force);
     for (int i = 0; i < 3; ++i) {
         double s_d[3];
         for (int k = 0; k < 3; ++k)
             s_d[k] = velocity[k] - w[i] * arm[i].elbow_d[k];
-        double gamma = dot(s_d, s_d) - dot(s[i], arm[i].elbow_dd) * w[i] * w[i];
-        add_scaled(bias, -gamma, inverse.column[i]);
+        double gamma = dot(s_d, s_d) - dot(pose.s[i], arm[i].elbow_dd) * w[i] * w[i];
+        add_scaled(bias, -gamma, pose.inverse.column[i]);
         add_scaled(force, m.coupling * w[i] * w[i], arm[i].elbow_dd);
     }
     add_scaled(force, m.platform, bias);
 
     double mass[3][3], acceleration[3], arm_weight = m.arm_weight / robot->upper_arm_length;
-    for (int i = 0; i < 3; ++i) {
-        for (int k = 0; k <= i; ++k)
-            mass[i][k] = m.coupling * (dot(arm[i].elbow_d, jp[k]) + dot(arm[k].elbow_d, jp[i])) + m.platform * dot(jp[i], jp[k]);
-        mass[i][i] += m.arm;
+    reduced_mass(&m, &pose, mass);
+    for (int i = 0; i < 3; ++i)
         acceleration[i] = motion->torque[i] - arm_weight * arm[i].elbow_d[2] - m.coupling * dot(arm[i].elbow_d, bias) -
-                          dot(jp[i], force);
-    }
+                          dot(pose.jp[i], force);
     if (!solve_definite(mass, acceleration))
         return 0;
 
     double platform[3] = {bias[0], bias[1], bias[2]};
     for (int i = 0; i < 3; ++i) {
-        add_scaled(platform, acceleration[i], jp[i]);
+        add_scaled(platform, acceleration[i], pose.jp[i]);
         add_scaled(force, m.coupling * acceleration[i], arm[i].elbow_d);
-        add_scaled(force, m.platform * acceleration[i], jp[i]);
+        add_scaled(force, m.platform * acceleration[i], pose.jp[i]);
     }
-    multipliers(&inverse, force, motion->lambda);
+    multipliers(&pose.inverse, force, motion->lambda);
 
     double finite = 0.0;
     for (int i = 0; i < 3; ++i) {
@@ -154,4 +191,24 @@ int dph_forward_dynamics(const dph_robot *robot, double payload, dph_motion *mot
         finite += fabs(acceleration[i]) + fabs(velocity[i]) + fabs(platform[i]) + fabs(motion->lambda[i]);
     }
     return isfinite(finite);
+}
+
+/* Mr theta'- = (Mr + m Jp^T Jp) theta'+, written for the change: (Mr + m Jp^T Jp) (theta'- - theta'+) = m Jp^T p'-. */
+int dph_take_up(const dph_robot *robot, double payload, double taken_up, dph_motion *motion)
+{
+    Inertia after = inertia_of(robot, payload + taken_up);
+    Pose pose;
+    double velocity[3], mass[3][3], change[3];
+    for (int i = 0; i < 3; ++i)
+        arm_at(robot, i, motion->theta[i], &pose.arm[i]);
+    pose_at(robot, motion->point, &pose);
+    platform_velocity(&pose, motion->theta_d, velocity);
+    reduced_mass(&after, &pose, mass);
+    for (int i = 0; i < 3; ++i)
+        change[i] = taken_up * dot(pose.jp[i], velocity);
+    if (!solve_definite(mass, change) || !isfinite(fabs(change[0]) + fabs(change[1]) + fabs(change[2])))
+        return 0;
+    for (int i = 0; i < 3; ++i)
+        motion->theta_d[i] -= change[i];
+    return 1;
 }

@@ -124,6 +124,19 @@ double dph_dexterity(const dph_robot *robot, const double theta[3], const double
     return fmin(least, fabs(dot(s[0], normal)) / (forearm * forearm * forearm));
 }
 
+double dph_closure_residual(const dph_robot *robot, const double theta[3], const double point[3])
+{
+    double residual = 0.0;
+    for (int i = 0; i < 3; ++i) {
+        dph_arm arm;
+        double s[3];
+        arm_at(robot, i, theta[i], &arm);
+        forearm_at(robot, i, &arm, point, s);
+        residual = fmax(residual, fabs(sqrt(dot(s, s)) - robot->forearm_length));
+    }
+    return residual;
+}
+
 void dph_elbows(const dph_robot *robot, int n, const double *theta, double *elbow)
 {
     for (int j = 0; j < 3 * n; ++j) {

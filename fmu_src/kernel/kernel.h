@@ -102,6 +102,12 @@ int dph_forward_kinematics(const dph_robot *robot, const double theta[3], double
  * Cost:     constant. */
 double dph_dexterity(const dph_robot *robot, const double theta[3], const double point[3]);
 
+/* How well a pose closes.
+ * Given:    theta (3) [rad], point (3) [m].
+ * Returned: the greatest | |s_i| - forearm length | [m].
+ * Cost:     six trigonometric functions, three square roots. */
+double dph_closure_residual(const dph_robot *robot, const double theta[3], const double point[3]);
+
 /* Elbow positions, for drawing the robot in n poses.
  * Given: theta (n, 3) [rad]. Returned: elbow (n, 3 arms, 3) [m]. Cost: six trigonometric functions a pose. */
 void dph_elbows(const dph_robot *robot, int n, const double *theta, double *elbow);
@@ -122,20 +128,28 @@ typedef struct dph_motion {
     double theta[3], theta_d[3], theta_dd[3]; /* joints [rad, rad/s, rad/s^2] */
     double point[3], point_d[3], point_dd[3]; /* tool centre point [m, m/s, m/s^2] */
     double torque[3];                         /* on the joint side [N m] */
+    double force[3];                          /* from outside on the platform, at the tool centre point [N] */
     double lambda[3];                         /* multipliers of |s_i|^2 / 2 = const [N/m]; rod pair force = lambda * forearm length [N] */
 } dph_motion;
 
 /* Inverse dynamics of the robot with rigid rods (paper eq. (1), completed by its platform rows).
- * Given:    motion.theta, theta_d, theta_dd, point, point_d, point_dd, consistent with one another; payload [kg].
+ * Given:    motion.theta, theta_d, theta_dd, point, point_d, point_dd, consistent with one another, force; payload [kg].
  * Returned: motion.torque, motion.lambda.
  * Cost:     six trigonometric functions, one 3x3 solve. */
 void dph_inverse_dynamics(const dph_robot *robot, double payload, dph_motion *motion);
 
 /* Forward dynamics: the reduced three-coordinate equations with rigid rods.
- * Given:    motion.theta, theta_d, torque; payload [kg].
+ * Given:    motion.theta, theta_d, torque, force; payload [kg].
  * Returned: motion.theta_dd, point, point_d, point_dd, lambda; 1, or 0 where forward kinematics or the solution fails.
  * Cost:     six trigonometric functions, two 3x3 solves. */
 int dph_forward_dynamics(const dph_robot *robot, double payload, dph_motion *motion);
+
+/* The impact when the platform takes up a mass that is at rest: generalized momentum is kept, kinetic energy is lost.
+ *   (Mr + m Jp^T Jp) theta'+ = Mr theta'-,  Mr = T^T M T the mass matrix in joint coordinates, m the mass taken up
+ * Given:    motion.theta, theta_d, point that belongs to them; payload [kg] before and mass taken up [kg].
+ * Returned: motion.theta_d; 1, or 0 where the solution fails (theta_d then keeps its value).
+ * Cost:     six trigonometric functions, two 3x3 solves. */
+int dph_take_up(const dph_robot *robot, double payload, double taken_up, dph_motion *motion);
 
 /* ---- Corner (corner.c) ---------------------------------------------------------------------------------------------------------------- */
 

@@ -99,7 +99,7 @@ static void tcp_at(const dph_plan *plan, int piece, double time, dph_setpoint *s
 /* The joint part of a setpoint from its tcp part. */
 static dph_verdict joints_at(const dph_robot *robot, double payload, dph_setpoint *setpoint)
 {
-    dph_motion motion;
+    dph_motion motion = {.force = {0.0}};
     dph_verdict verdict = dph_inverse_kinematics(robot, setpoint->tcp_position, motion.theta);
     if (verdict.status != DPH_STATUS_OK)
         return verdict;

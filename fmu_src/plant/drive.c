@@ -22,6 +22,8 @@ Drive drive_from(const Variables *v)
         .coulomb = v->drive_coulomb_friction,
         .viscous = v->drive_viscous_friction,
         .torque_max = v->drive_torque_max,
+        .torque_rated = v->drive_torque_rated,
+        .warming = -expm1(-DRIVE_PERIOD / v->drive_thermal_time_constant),
         .speed_max = v->drive_speed_max,
         .quantum = turn / (double)v->drive_encoder_counts,
         .lag = {exp(-0.5 * DRIVE_PERIOD / v->drive_torque_time_constant), exp(-DRIVE_PERIOD / v->drive_torque_time_constant)},
@@ -70,32 +72,45 @@ double axis_torque(const Drive *drive, const Axis *axis, int halves)
 void axis_start(const Drive *drive, Axis *axis, double joint_position, double joint_torque, double torque_ff)
 {
     axis->zero = drive->gear_ratio * joint_position;
-    axis->angle = 0.0;
+    axis->angle = axis->speed = 0.0;
     axis->torque = axis->command = limited(motor_torque(drive, joint_torque, 0.0), drive->torque_max);
     axis->integral = axis->command - drive->torque_ff * motor_torque(drive, torque_ff, 0.0);
+}
+
+void axis_read(const Drive *drive, Axis *axis, const Fault *fault, double joint_position)
+{
+    double before = axis->angle;
+    if (!fault->encoder_stuck) {
+        double turned = drive->gear_ratio * (joint_position + fault->encoder_offset) - axis->zero;
+        axis->angle = drive->quantum * floor(turned / drive->quantum + 0.5);
+    }
+    axis->speed = (axis->angle - before) / DRIVE_PERIOD;
+}
+
+double axis_position(const Drive *drive, const Axis *axis)
+{
+    return (axis->zero + axis->angle) / drive->gear_ratio;
 }
 
 void axis_off(const Drive *drive, Axis *axis)
 {
     axis->torque = axis_torque(drive, axis, 2);
     axis->command = 0.0;
+    axis->integral = 0.0;
 }
 
-void axis_sample(const Drive *drive, Axis *axis, const Reference *reference, double joint_position)
+void axis_control(const Drive *drive, Axis *axis, const Fault *fault, const Reference *reference)
 {
-    double before = axis->angle;
-    axis->angle = drive->quantum * floor((drive->gear_ratio * joint_position - axis->zero) / drive->quantum + 0.5);
-    double speed = (axis->angle - before) / DRIVE_PERIOD;
-
     double deviation = drive->gear_ratio * reference->position - axis->zero - axis->angle;
     double demand = drive->position_gain * deviation + drive->velocity_ff * drive->gear_ratio * reference->velocity;
-    double error = limited(demand, drive->speed_max) - speed;
+    double error = limited(demand, drive->speed_max) - axis->speed;
     double forward = drive->torque_ff * motor_torque(drive, reference->torque, reference->velocity);
     double torque = drive->velocity_gain * error + axis->integral + forward;
+    double given = limited(torque, fmin(drive->torque_max, fault->torque_limit));
 
     axis->torque = axis_torque(drive, axis, 2);
-    axis->command = limited(torque, drive->torque_max);
+    axis->command = fault->torque_gain * given;
     /* Anti-windup: a saturated axis integrates only what brings it back. */
-    if (torque == axis->command || torque * error < 0.0)
+    if (torque == given || torque * error < 0.0)
         axis->integral += drive->integral_gain * error;
 }

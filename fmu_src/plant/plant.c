@@ -7,6 +7,7 @@
 
 #include "fmi/model.h"
 #include "robot_variables.h"
+#include "trips.h"
 
 /* Samples of the drives in a step: MODEL_STEP / DRIVE_PERIOD. */
 enum { SAMPLES = 8 };
@@ -54,6 +55,15 @@ static int drive_is_legal(const Variables *v, const ModelLog *log)
         {"drive.integral_time", v->drive_integral_time},
         {"trip_threshold.position_deviation", v->trip_threshold_position_deviation},
         {"trip_threshold.overspeed", v->trip_threshold_overspeed},
+        {"drive.torque_rated", v->drive_torque_rated},
+        {"drive.thermal_time_constant", v->drive_thermal_time_constant},
+        {"trip_threshold.overload", v->trip_threshold_overload},
+        {"trip_threshold.encoder", v->trip_threshold_encoder},
+        {"trip_threshold.joint_range", v->trip_threshold_joint_range},
+        {"trip_threshold.constraint", v->trip_threshold_constraint},
+        {"hard_stop.clearance", v->hard_stop_clearance},
+        {"hard_stop.stiffness", v->hard_stop_stiffness},
+        {"hard_stop.damping", v->hard_stop_damping},
     };
     for (size_t i = 0; i < sizeof parameters / sizeof *parameters; ++i) {
         if (!(parameters[i].value <= greatest)) {
@@ -77,6 +87,26 @@ static Reference reference_after(const Variables *v, int i, double t)
         .torque = bounded(v->joint_torque_ff[i]),
     };
     return reference;
+}
+
+/* What the inputs say of faults, disturbances and brakes. */
+static void read_faults(Model *m)
+{
+    const Variables *v = &m->v;
+    for (int i = 0; i < 3; ++i) {
+        Fault fault = {
+            .torque_limit = v->motor_torque_limit[i],
+            .torque_gain = v->motor_torque_gain[i],
+            .encoder_offset = bounded(v->encoder_offset[i]),
+            .encoder_stuck = v->encoder_stuck[i],
+        };
+        m->fault[i] = fault;
+        m->mechanism.force[i] = bounded(v->tcp_force[i]);
+    }
+    if (v->trip == TRIP_NONE) {
+        m->mechanism.braked = v->brake;
+        m->mechanism.locked = m->mechanism.locked && v->brake && !v->servo_on;
+    }
 }
 
 /* Distance of the tool centre point from where the reference joints would have it; the last one where they have it nowhere. */
@@ -107,9 +137,16 @@ static void write_outputs(Model *m, double since_inputs)
         v->motor_torque[i] = m->mechanism.locked ? 0.0 : axis_torque(&m->drive, &m->axis[i], 2);
         v->motor_speed[i] = m->drive.gear_ratio * motion->theta_d[i];
         v->rod_force[i] = motion->lambda[i] * m->mechanism.robot.forearm_length;
+        v->motor_power[i] = v->motor_torque[i] * v->motor_speed[i];
+        v->motor_torque_rms[i] = m->load[i].time > 0.0 ? sqrt(m->load[i].square / m->load[i].time) : 0.0;
+        v->motor_load[i] = m->load[i].thermal;
+        v->motor_work[i] = m->load[i].work;
+        v->motor_regenerated[i] = m->load[i].regenerated;
+        v->joint_work[i] = m->mechanism.joint_energy[i];
         reference[i] = reference_after(v, i, since_inputs).position;
         v->joint_tracking_error[i] = reference[i] - motion->theta[i];
     }
+    v->constraint_residual = dph_closure_residual(&m->mechanism.robot, motion->theta, motion->point);
     write_tcp_error(m, reference);
 }
 
@@ -129,6 +166,12 @@ int model_initialize(void *model, const ModelLog *log)
     if (verdict.status == DPH_STATUS_OK) {
         m->drive = drive_from(v);
         m->mechanism.payload = bounded(v->payload_mass);
+        m->mechanism.stop_stiffness = v->hard_stop_stiffness;
+        m->mechanism.stop_damping = v->hard_stop_damping;
+        m->mechanism.stop_angle[0] = v->robot_joint_position_min - v->hard_stop_clearance;
+        m->mechanism.stop_angle[1] = v->robot_joint_position_max + v->hard_stop_clearance;
+        v->trip = TRIP_NONE;
+        read_faults(m);
         verdict = mechanism_start(&m->mechanism, &m->drive, theta, v->start);
     }
     if (verdict.status != DPH_STATUS_OK)
@@ -136,61 +179,12 @@ int model_initialize(void *model, const ModelLog *log)
 
     for (int i = 0; i < 3; ++i)
         axis_start(&m->drive, &m->axis[i], theta[i], m->mechanism.motion.torque[i], reference_after(v, i, 0.0).torque);
+    memset(m->load, 0, sizeof m->load);
     m->steps = 0;
-    v->trip = TRIP_NONE;
-    v->tcp_tracking_error = 0.0;
+    v->trip_axis = 0;
+    v->trip_time = v->tcp_tracking_error = 0.0;
     write_outputs(m, 0.0);
     return 1;
-}
-
-/* ---- Trips ------------------------------------------------------------------------------------------------------------------- */
-
-/* Trips latch: drives off, brakes on. Only the first one counts. */
-static void trip(Model *m, int32_t reason, const char *sentence, double steps, const ModelLog *log)
-{
-    char text[400];
-    snprintf(text, sizeof text, "tripped after %.3f steps of %g ms: %s", steps, 1e3 * MODEL_STEP, sentence);
-    log->write(log->context, MESSAGE_WARNING, text);
-    m->v.trip = reason;
-    m->mechanism.braked = 1;
-}
-
-/* The mechanism can go no further: it stands where it was. */
-static void stop(Model *m, const dph_verdict *verdict, double steps, const ModelLog *log)
-{
-    char sentence[256];
-    if (verdict->status == DPH_STATUS_JOINT_RANGE)
-        snprintf(sentence, sizeof sentence, "joint %d has come to %.4g rad, where its travel ends at %.4g rad", verdict->joint,
-                 verdict->required, verdict->available);
-    else
-        dph_verdict_text(verdict, sentence, (int)sizeof sentence);
-    if (m->v.trip == TRIP_NONE)
-        trip(m, TRIP_KINEMATICS, sentence, steps, log);
-    mechanism_lock(&m->mechanism);
-}
-
-/* Deviation and overspeed, watched by the drives at their samples. */
-static void watch(Model *m, const Reference reference[3], double steps, const ModelLog *log)
-{
-    const Variables *v = &m->v;
-    const dph_motion *motion = &m->mechanism.motion;
-    double speed_limit = v->trip_threshold_overspeed * m->drive.speed_max;
-    char sentence[160];
-    for (int i = 0; i < 3; ++i) {
-        double deviation = fabs(reference[i].position - motion->theta[i]), speed = fabs(m->drive.gear_ratio * motion->theta_d[i]);
-        if (!(deviation <= v->trip_threshold_position_deviation)) {
-            snprintf(sentence, sizeof sentence, "joint %d is %.4g rad away from its reference, at most %.4g rad are allowed", i + 1,
-                     deviation, v->trip_threshold_position_deviation);
-            trip(m, TRIP_POSITION_DEVIATION, sentence, steps, log);
-            return;
-        }
-        if (!(speed <= speed_limit)) {
-            snprintf(sentence, sizeof sentence, "motor %d runs at %.4g rad/s, at most %.4g rad/s are allowed", i + 1, speed,
-                     speed_limit);
-            trip(m, TRIP_OVERSPEED, sentence, steps, log);
-            return;
-        }
-    }
 }
 
 /* ---- Steps ------------------------------------------------------------------------------------------------------------------- */
@@ -200,37 +194,50 @@ static void run_period(Model *m, uint64_t sample, const ModelLog *log)
 {
     Mechanism *mechanism = &m->mechanism;
     double steps = (double)m->steps + (double)sample / SAMPLES;
+    double energy[3] = {0.0, 0.0, 0.0};
     dph_verdict verdict = {DPH_STATUS_OK, DPH_PHASE_IDLE, 0, 0.0, 0.0};
     Reference reference[3];
-    for (int i = 0; i < 3; ++i)
+    for (int i = 0; i < 3; ++i) {
         reference[i] = reference_after(&m->v, i, (double)sample * DRIVE_PERIOD);
+        axis_read(&m->drive, &m->axis[i], &m->fault[i], mechanism->motion.theta[i]);
+    }
     if (m->v.trip == TRIP_NONE) {
-        watch(m, reference, steps, log);
+        trips_watch(m, reference, steps, log);
         if (m->v.trip != TRIP_NONE)
             verdict = mechanism_update(mechanism, &m->drive, m->axis, 2);
     }
     for (int i = 0; i < 3; ++i) {
-        if (m->v.trip == TRIP_NONE)
-            axis_sample(&m->drive, &m->axis[i], &reference[i], mechanism->motion.theta[i]);
+        if (m->v.trip == TRIP_NONE && m->v.servo_on)
+            axis_control(&m->drive, &m->axis[i], &m->fault[i], &reference[i]);
         else
             axis_off(&m->drive, &m->axis[i]);
     }
-    if (verdict.status == DPH_STATUS_OK)
-        verdict = mechanism_advance(mechanism, &m->drive, m->axis);
+    if (verdict.status == DPH_STATUS_OK && !mechanism->locked)
+        verdict = mechanism_advance(mechanism, &m->drive, m->axis, energy);
+    for (int i = 0; i < 3; ++i)
+        load_add(&m->drive, &m->axis[i], energy[i], &m->load[i]);
     if (verdict.status != DPH_STATUS_OK)
-        stop(m, &verdict, steps, log);
-    else if (mechanism_is_caught(mechanism))
+        trips_stop(m, &verdict, steps, log);
+    else if ((m->v.trip != TRIP_NONE || !m->v.servo_on) && mechanism_is_caught(mechanism))
         mechanism_lock(mechanism);
+}
+
+/* Nothing happens any more. */
+static int is_over(const Model *m)
+{
+    return m->v.trip != TRIP_NONE && m->mechanism.locked;
 }
 
 void model_step(void *model, uint32_t n, const ModelLog *log)
 {
     Model *m = model;
-    m->mechanism.payload = bounded(m->v.payload_mass);
-    dph_verdict verdict = mechanism_update(&m->mechanism, &m->drive, m->axis, 2);
+    read_faults(m);
+    dph_verdict verdict = mechanism_load(&m->mechanism, bounded(m->v.payload_mass));
+    if (verdict.status == DPH_STATUS_OK)
+        verdict = mechanism_update(&m->mechanism, &m->drive, m->axis, 2);
     if (verdict.status != DPH_STATUS_OK)
-        stop(m, &verdict, (double)m->steps, log);
-    for (uint64_t sample = 0; sample < (uint64_t)n * SAMPLES && !m->mechanism.locked; ++sample)
+        trips_stop(m, &verdict, (double)m->steps, log);
+    for (uint64_t sample = 0; sample < (uint64_t)n * SAMPLES && !is_over(m); ++sample)
         run_period(m, sample, log);
     m->steps += n;
     write_outputs(m, n * MODEL_STEP);

@@ -3,6 +3,7 @@
 #define PLANT_H
 
 #include "drive.h"
+#include "load.h"
 #include "mechanism.h"
 #include "model_variables.h"
 
@@ -10,6 +11,8 @@ typedef struct {
     Variables v;
     Drive drive;
     Axis axis[3];
+    Fault fault[3];
+    Load load[3];
     Mechanism mechanism;
     uint64_t steps; /* done since the start */
 } Model;

@@ -58,3 +58,23 @@ def running(slave: FmiSlave) -> FmiSlave:
     """An instance in step mode at time 0."""
     slave.initialize()
     return slave
+
+
+@pytest.fixture
+def new_plant(dist: Path, version: FmiVersion, tmp_path: Path) -> Iterator[Callable[[], FmiSlave]]:
+    """Makes instances of the plant, and frees them."""
+    plants: list[FmiSlave] = []
+
+    def make() -> FmiSlave:
+        plants.append(FmiSlave(dist, "plant", version, tmp_path))
+        return plants[-1]
+
+    yield make
+    for plant in plants:
+        plant.free()
+
+
+@pytest.fixture
+def plant(new_plant: Callable[[], FmiSlave]) -> FmiSlave:
+    """An instance of the plant."""
+    return new_plant()

@@ -103,6 +103,13 @@ def test_a_plan_beyond_its_limits_is_infeasible(tmp_path: Path) -> None:
         ("corner_deviation_mm = 6.0 ", "corner_deviation_mm = nan ", 2, ["task.corner_deviation_mm is nan"]),
         ("place_mm = [152.5", "place_mm = [-152.5", 3, ["pick and place are only 0 mm apart"]),
         ("place_mm = [152.5", "place_mm = [900.0", 3, ["joint"]),
+        (
+            "[payload]",
+            "[robot]\nupper_arm_inertia_kg_m2 = 0.02\n[payload]",
+            2,
+            ["upper_arm_inertia_kg_m2 is 0.02", "at least 0.0290"],
+        ),
+        ("[payload]", "[robot]\nbase_radius_mm = 1300.0\n[payload]", 2, ["the robot cannot close", "1150 mm", "1255 mm"]),
     ],
 )
 def test_bad_scenarios(tmp_path: Path, old: str, new: str, code: int, words: list[str]) -> None:
@@ -195,6 +202,24 @@ def test_factory_gains_lose_the_deviation_and_the_summary_says_so(tmp_path: Path
 def test_a_missed_expectation_is_exit_code_1(tmp_path: Path) -> None:
     (tmp_path / "strict.toml").write_text(template().replace("{ max = 0.1 }", "{ max = 0.01 }"))
     assert deltaph("run", "strict.toml", "--no-telemetry", cwd=tmp_path).returncode == 1
+
+
+def test_a_trip_is_exit_code_1_unless_it_is_expected(tmp_path: Path) -> None:
+    text = (SCENARIOS / "fault_torque_loss.toml").read_text(encoding="utf-8")
+    expected = 'trip = "position_deviation"'
+    assert expected in text
+    for name, expectation, code in (
+        ("expected", expected, 0),
+        ("not expected", "", 1),
+        ("another one", 'trip = "overspeed"', 1),
+        ("none", 'trip = "none"', 1),
+    ):
+        (tmp_path / "trip.toml").write_text(text.replace(expected, expectation))
+        result = deltaph("run", "trip.toml", "--no-telemetry", "--json", "trip.json", cwd=tmp_path)
+        assert result.returncode == code, name
+        executed = json.loads((tmp_path / "trip.json").read_text())["executed"]
+        assert (executed["trip"], executed["trip_axis"]) == ("position_deviation", 1)
+        assert executed["trip_time_s"] == pytest.approx(0.2686, abs=2e-3)
 
 
 def test_interrupt_leaves_a_readable_recording(tmp_path: Path) -> None:

@@ -29,6 +29,8 @@ def test_every_variable_is_settable_as_declared(slave: FmiSlave) -> None:
         low = -1e3 if variable.min is None else variable.min
         high = 1e3 if variable.max is None else variable.max
         value = 1 if variable.type in slave.table.enumerations else low + 0.25 * (high - low)
+        if variable.type == "Boolean":
+            value = not variable.start
         assert slave.put({variable.name: value if variable.is_float else int(value)}) == OK, slave.messages
     for variable in settable(slave):
         assert slave.get(variable.name) != [variable.start], variable.name

@@ -131,7 +131,9 @@ def test_deviation_is_the_distance_to_the_nearer_vertex(recording: Recording) ->
 def test_every_signal_has_one_row_per_frame_at_its_time_and_step(recording: Recording) -> None:
     times = [round(frame.time * 1e9) for frame in FRAMES]
     signals = {e: rows for e, rows in recording.rows.items() if e not in ("/phase", "/trip") and "limit" not in e}
-    assert {entity.split("/")[1] for entity in signals} == {"joint", "tcp", "path", "motor", "rod", "timing", "world"}
+    assert {entity.split("/")[1] for entity in signals} == {
+        *("joint", "tcp", "path", "motor", "rod", "constraint", "trip_time", "timing", "world")
+    }
     for entity, rows in signals.items():
         assert rows["sim_time"].tolist() == times, entity
         assert rows["step"].tolist() == list(range(len(FRAMES))), entity

@@ -7,6 +7,9 @@ import pytest
 
 from deltaph.errors import ScenarioError
 from deltaph.scenario import load_scenario, parse_scenario, template
+from deltaph.scenario_file import DriveSection, RobotSection, TripSection
+from deltaph.sources import ROBOTS
+from deltaph.variables import variable_table
 
 ROOT = Path(__file__).parents[2]
 PATH = Path("test.toml")
@@ -41,6 +44,72 @@ def test_any_robot_is_a_scenario_away() -> None:
     assert scenario.robot.parameters["robot.forearm_length"] == 0.79
     assert scenario.robot.parameters["robot.joint_position_max"] == math.pi / 2
     assert scenario.robot.parameters["robot.base_radius"] == 0.2
+
+
+def test_a_named_robot_brings_its_drives_and_single_keys_override() -> None:
+    text = template() + '\n[robot]\nname = "rl5-1450-6kg"\nplatform_mass_kg = 3.0\n'
+    scenario = parse_scenario(text.replace('gains = "tuned"', 'gains = "tuned"\ntorque_max_Nm = 9.0'), PATH)
+    assert scenario.robot.parameters["robot.upper_arm_length"] == 0.42
+    assert scenario.robot.parameters["robot.platform_mass"] == 3.0
+    assert scenario.plant["drive.gear_ratio"] == 55.0
+    assert scenario.plant["drive.torque_max"] == 9.0
+    assert scenario.limits.joint_torque == pytest.approx((9.0 * 0.95 * 55.0,) * 3)
+    assert scenario.robot.parameters["robot.drive_inertia"] == pytest.approx(55**2 * (2.07e-4 + 1.51e-4), rel=1e-3)
+
+
+@pytest.mark.parametrize("path", sorted(ROBOTS.glob("*.toml")), ids=lambda path: path.stem)
+def test_a_named_robot_is_complete_and_says_where_each_value_is_from(path: Path) -> None:
+    values = [line for line in path.read_text(encoding="utf-8").splitlines() if " = " in line.split("#")[0]]
+    for line in values:
+        assert len(line.partition("#")[2]) > 5, line
+    given = {line.partition(" = ")[0] for line in values}
+    assert given >= set(RobotSection.model_fields) - {"name"}
+
+
+def test_every_drive_and_trip_key_is_a_parameter_of_the_plant() -> None:
+    table = variable_table("plant")
+    drive = {name: 1.0 for name in DriveSection.model_fields if name not in ("gains", "encoder_counts")}
+    trip = dict.fromkeys(TripSection.model_fields, 2.0)
+    text = template().replace('gains = "tuned"', 'gains = "factory"\nencoder_counts = 4096\n' + lines(drive))
+    scenario = parse_scenario(text + "\n[trip]\n" + lines(trip), PATH)
+    given = [name for name in scenario.plant if name not in table.gains["factory"]]
+    assert len(scenario.plant) == len(drive) + 1 + len(trip)
+    assert given
+    for name in scenario.plant:
+        assert table[name].causality == "parameter"
+
+
+def lines(values: dict[str, float]) -> str:
+    return "\n".join(f"{key} = {value}" for key, value in values.items())
+
+
+def test_faults_become_plant_inputs_in_order_of_time() -> None:
+    text = (
+        template()
+        + """
+[[fault]]
+time_ms = 150.0
+encoder_offset_deg = 90.0
+tcp_force_N = [1.0, 2.0, 3.0]
+
+[[fault]]
+time_ms = 20
+axis = 2
+torque_gain = 0.5
+encoder_stuck = true
+
+[[fault]]
+time_ms = 160.0
+payload_mass_kg = 0.25
+servo_on = false
+"""
+    )
+    faults = parse_scenario(text, PATH).faults
+    assert [fault.time for fault in faults] == [0.02, 0.15, 0.16]
+    assert faults[0].inputs == {"motor[2].torque_gain": 0.5, "encoder[2].stuck": 1.0}
+    offsets = {f"encoder[{i}].offset": math.pi / 2 for i in (1, 2, 3)}
+    assert faults[1].inputs == offsets | {"tcp.force.x": 1.0, "tcp.force.y": 2.0, "tcp.force.z": 3.0}
+    assert faults[2].inputs == {"payload.mass": 0.25, "servo_on": 0.0}
 
 
 def test_unequal_sides() -> None:
@@ -85,6 +154,22 @@ def test_unequal_sides() -> None:
         ("{ max = 0.1 }", "{ }", "give either equals, with a tolerance, or min or max"),
         ("schema = 1", "schema = 2", "schema is 2"),
         ("[task]", "[task", "not TOML"),
+        ("[payload]", '[robot]\nname = "rl6"\n[payload]', "robot: 'rl6' is not one of default, rl5-1450-6kg"),
+        (
+            "[payload]",
+            "[[fault]]\ntime_ms = 1.0\ntorque_gian = 0.0\n[payload]",
+            "unknown key fault.0.torque_gian: did you mean torque_gain?",
+        ),
+        ("[payload]", "[[fault]]\ntime_ms = 1.0\n[payload]", "fault.0: give what happens, such as torque_gain = 0.0"),
+        ("[payload]", "[[fault]]\ntime_ms = 1.0\naxis = 1\nbrake = true\n[payload]", "fault.0: axis goes with torque_gain"),
+        (
+            "[payload]",
+            "[[fault]]\ntime_ms = 1.0\ntorque_gain = 1.5\n[payload]",
+            "fault.0.torque_gain is 1.5: input should be less than",
+        ),
+        ("[expect]", '[expect]\ntrip = "crash"', "expect: 'crash' is not one of none, position_deviation"),
+        ("[payload]", "[robot]\nforearm_inertia_kg_m2 = 0.1\n[payload]", "robot.forearm_inertia_kg_m2 is 0.1: rods of 0.273 kg"),
+        ("[payload]", "[robot]\njoint_position_max_deg = -50.0\n[payload]", "robot.joint_position_max_deg is -50"),
     ],
 )
 def test_wrong_files_are_refused_with_the_key_and_the_way_out(old: str, new: str, says: str) -> None:
