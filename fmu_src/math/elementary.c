@@ -158,6 +158,11 @@ static double m_exp(double x)
     return m_scale(1.0 + m_expm1_series(r), (int)k);
 }
 
+static double m_expm1(double x)
+{
+    return m_fabs(x) < 0.36 ? m_expm1_series(x) : m_exp(x) - 1.0;
+}
+
 /* (e^2x - 1) / (e^2x + 1), each range in the form that does not cancel. */
 static double m_tanh(double x)
 {
@@ -345,6 +350,8 @@ static double m_atan2(double y, double x)
 #define hypot m_hypot
 #undef exp
 #define exp m_exp
+#undef expm1
+#define expm1 m_expm1
 #undef tanh
 #define tanh m_tanh
 #undef log

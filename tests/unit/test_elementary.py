@@ -13,7 +13,7 @@ from deltaph.errors import EnvironmentProblem
 from deltaph.fmu.compile import compiler
 from deltaph.fmu.sources import ELEMENTARY
 
-UNARY = ("sin", "cos", "exp", "tanh", "log", "sqrt", "cbrt", "floor", "ceil", "round")
+UNARY = ("sin", "cos", "exp", "expm1", "tanh", "log", "sqrt", "cbrt", "floor", "ceil", "round")
 BINARY = ("atan2", "hypot", "pow", "fmin", "fmax", "copysign")
 
 
@@ -67,6 +67,8 @@ CASES = [
     ("cos", 1.0, lambda: ((round(uniform(1, 1000)) + 0.5) * math.pi,)),
     ("exp", 1.5, lambda: (uniform(-5.0, 5.0),)),
     ("exp", 1.5, lambda: (uniform(-700.0, 700.0),)),
+    ("expm1", 4.0, lambda: (uniform(-5.0, 5.0),)),
+    ("expm1", 4.0, lambda: (-(10.0 ** uniform(-12.0, 0.0)),)),
     ("tanh", 4.0, lambda: (uniform(-3.0, 3.0),)),
     ("tanh", 4.0, lambda: (10.0 ** uniform(-12.0, 0.0),)),
     ("log", 1.5, lambda: (10.0 ** uniform(-300.0, 300.0),)),
