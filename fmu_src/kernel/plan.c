@@ -2,6 +2,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "delta_arms.h"
 #include "laws.h"
 
 /* Longest motion [s]; its milliseconds are far inside an int. */
@@ -99,17 +100,17 @@ static void tcp_at(const dph_plan *plan, int piece, double time, dph_setpoint *s
 /* The joint part of a setpoint from its tcp part. */
 static dph_verdict joints_at(const dph_robot *robot, double payload, dph_setpoint *setpoint)
 {
+    dph_pose pose;
     dph_motion motion;
-    dph_verdict verdict = dph_inverse_kinematics(robot, setpoint->tcp_position, motion.theta);
+    dph_verdict verdict = dph_pose_at(robot, setpoint->tcp_position, &pose);
     if (verdict.status != DPH_STATUS_OK)
         return verdict;
-    dph_joint_motion(robot, motion.theta, setpoint->tcp_position, setpoint->tcp_velocity, setpoint->tcp_acceleration,
-                     setpoint->tcp_jerk, motion.theta_d, motion.theta_dd, setpoint->joint_jerk);
-    memcpy(motion.point, setpoint->tcp_position, sizeof motion.point);
-    memcpy(motion.point_d, setpoint->tcp_velocity, sizeof motion.point_d);
+    dph_pose_motion(&pose, setpoint->tcp_velocity, setpoint->tcp_acceleration, setpoint->tcp_jerk, motion.theta_d, motion.theta_dd,
+                    setpoint->joint_jerk);
     memcpy(motion.point_dd, setpoint->tcp_acceleration, sizeof motion.point_dd);
-    dph_inverse_dynamics(robot, payload, &motion);
-    memcpy(setpoint->joint_position, motion.theta, sizeof motion.theta);
+    dph_pose_dynamics(robot, &pose, payload, &motion);
+    for (int i = 0; i < 3; ++i)
+        setpoint->joint_position[i] = atan2(pose.direction[i][1], pose.direction[i][0]);
     memcpy(setpoint->joint_velocity, motion.theta_d, sizeof motion.theta_d);
     memcpy(setpoint->joint_acceleration, motion.theta_dd, sizeof motion.theta_dd);
     memcpy(setpoint->joint_torque, motion.torque, sizeof motion.torque);
@@ -119,18 +120,19 @@ static dph_verdict joints_at(const dph_robot *robot, double payload, dph_setpoin
 /* Can the robot be there: reach, joint range, dexterity. */
 static dph_verdict pose_check(const dph_robot *robot, const double point[3], dph_phase phase)
 {
-    double theta[3];
-    dph_verdict verdict = dph_inverse_kinematics(robot, point, theta);
+    dph_pose pose;
+    dph_verdict verdict = dph_pose_at(robot, point, &pose);
     verdict.phase = phase;
     if (verdict.status != DPH_STATUS_OK)
         return verdict;
     for (int i = 0; i < 3; ++i) {
-        if (theta[i] < robot->joint_position_min)
-            return dph_refuse(DPH_STATUS_JOINT_RANGE, phase, i + 1, theta[i], robot->joint_position_min);
-        if (theta[i] > robot->joint_position_max)
-            return dph_refuse(DPH_STATUS_JOINT_RANGE, phase, i + 1, theta[i], robot->joint_position_max);
+        double theta = atan2(pose.direction[i][1], pose.direction[i][0]);
+        if (theta < robot->joint_position_min)
+            return dph_refuse(DPH_STATUS_JOINT_RANGE, phase, i + 1, theta, robot->joint_position_min);
+        if (theta > robot->joint_position_max)
+            return dph_refuse(DPH_STATUS_JOINT_RANGE, phase, i + 1, theta, robot->joint_position_max);
     }
-    double dexterity = dph_dexterity(robot, theta, point);
+    double dexterity = dph_pose_dexterity(robot, &pose);
     if (!(dexterity >= least_dexterity))
         return dph_refuse(DPH_STATUS_SINGULAR, phase, 0, least_dexterity, dexterity);
     return verdict;
