@@ -57,7 +57,7 @@ double dph_corner_gamma(const dph_corner *corner, double length)
             low = gamma;
         double step = -residual / dph_corner_sigma(corner, gamma);
         double next = gamma + step;
-        gamma = next > low && next < high ? next : 0.5 * (low + high);
+        gamma = next >= low && next <= high ? next : 0.5 * (low + high);
         if (fabs(step) < 1e-9)
             break;
     }

@@ -4,15 +4,13 @@
 
 #include "delta_arms.h"
 #include "laws.h"
+#include "path.h"
 
 /* Longest motion [s]; its milliseconds are far inside an int. */
 static const double longest = 3600.0;
 
 /* Heights that differ by less are level: a thousand times the rounding error of metres written as millimetres. */
 static const double level_tolerance = 1e-9;
-
-/* Least dexterity on a path; at the sources' default robot the paper's path keeps above 0.7. */
-static const double least_dexterity = 0.1;
 
 static dph_verdict task_check(const dph_task *task)
 {
@@ -54,10 +52,18 @@ static void align(dph_plan *plan)
 
 static void planar_at(const dph_plan *plan, int piece, double nominal_time, dph_planar *motion)
 {
-    if (plan->task.law == DPH_LAW_PAPER)
+    switch (plan->task.law) {
+    case DPH_LAW_PAPER:
+    case DPH_LAW_PAPER_LIMITED:
         dph_paper_at(plan, piece, nominal_time, motion);
-    else
+        break;
+    case DPH_LAW_COMPARISON:
         dph_superposition_at(plan, piece, nominal_time, motion);
+        break;
+    case DPH_LAW_TIME_OPTIMAL:
+        dph_time_optimal_at(plan, piece, nominal_time, motion);
+        break;
+    }
 }
 
 static double distance(const double a[3], const double b[3], double height)
@@ -117,27 +123,6 @@ static dph_verdict joints_at(const dph_robot *robot, double payload, dph_setpoin
     return verdict;
 }
 
-/* Can the robot be there: reach, joint range, dexterity. */
-static dph_verdict pose_check(const dph_robot *robot, const double point[3], dph_phase phase)
-{
-    dph_pose pose;
-    dph_verdict verdict = dph_pose_at(robot, point, &pose);
-    verdict.phase = phase;
-    if (verdict.status != DPH_STATUS_OK)
-        return verdict;
-    for (int i = 0; i < 3; ++i) {
-        double theta = atan2(pose.direction[i][1], pose.direction[i][0]);
-        if (theta < robot->joint_position_min)
-            return dph_refuse(DPH_STATUS_JOINT_RANGE, phase, i + 1, theta, robot->joint_position_min);
-        if (theta > robot->joint_position_max)
-            return dph_refuse(DPH_STATUS_JOINT_RANGE, phase, i + 1, theta, robot->joint_position_max);
-    }
-    double dexterity = dph_pose_dexterity(robot, &pose);
-    if (!(dexterity >= least_dexterity))
-        return dph_refuse(DPH_STATUS_SINGULAR, phase, 0, least_dexterity, dexterity);
-    return verdict;
-}
-
 /* Points 2.5 mm apart on average and never 10 mm. With a dexterity of at least 0.1 at its ends no such interval can hide a singularity:
  * 5 mm turn a joint by at most 5 mm / (0.1 * upper arm length), which changes the dexterity by less than it is. */
 static dph_verdict path_check(const dph_plan *plan)
@@ -149,7 +134,7 @@ static dph_verdict path_check(const dph_plan *plan)
         for (int i = 0; i <= intervals; ++i) {
             dph_setpoint setpoint;
             tcp_at(plan, piece, (begin + step * i) / plan->speed_factor, &setpoint);
-            dph_verdict verdict = pose_check(&plan->robot, setpoint.tcp_position, plan->phase[piece]);
+            dph_verdict verdict = dph_pose_check(&plan->robot, setpoint.tcp_position, plan->phase[piece]);
             if (verdict.status != DPH_STATUS_OK)
                 return verdict;
         }
@@ -157,7 +142,22 @@ static dph_verdict path_check(const dph_plan *plan)
     return dph_accept();
 }
 
-dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_plan *plan)
+static dph_verdict law_make(dph_workspace *workspace, dph_plan *plan)
+{
+    switch (plan->task.law) {
+    case DPH_LAW_PAPER:
+        return dph_paper_make(plan);
+    case DPH_LAW_COMPARISON:
+        return dph_superposition_make(plan);
+    case DPH_LAW_PAPER_LIMITED:
+        return dph_paper_limited_make(plan);
+    case DPH_LAW_TIME_OPTIMAL:
+        return dph_time_optimal_make(workspace, plan);
+    }
+    return dph_refuse(DPH_STATUS_INVALID_VALUE, DPH_PHASE_IDLE, 0, 0.0, plan->task.law);
+}
+
+dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_workspace *workspace, dph_plan *plan)
 {
     dph_verdict verdict = dph_robot_check(robot);
     if (verdict.status != DPH_STATUS_OK)
@@ -174,7 +174,7 @@ dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_plan
     plan->direction[0] = plan->traverse > 0.0 ? x / plan->traverse : 1.0;
     plan->direction[1] = plan->traverse > 0.0 ? y / plan->traverse : 0.0;
 
-    verdict = task->law == DPH_LAW_PAPER ? dph_paper_make(plan) : dph_superposition_make(plan);
+    verdict = law_make(workspace, plan);
     if (verdict.status != DPH_STATUS_OK)
         return verdict;
     plan->nominal_duration = plan->boundary[plan->pieces];
@@ -182,7 +182,7 @@ dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_plan
     if (!(plan->nominal_duration <= longest))
         return dph_refuse(DPH_STATUS_TOO_SLOW, DPH_PHASE_IDLE, 0, plan->nominal_duration, longest);
     align(plan);
-    return path_check(plan);
+    return task->law == DPH_LAW_TIME_OPTIMAL ? verdict : path_check(plan);
 }
 
 void dph_plan_sample_piece(const dph_plan *plan, int piece, double time, dph_setpoint *setpoint)
