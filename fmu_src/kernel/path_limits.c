@@ -92,14 +92,23 @@ void dph_path_point_at(const dph_plan *plan, const dph_bounds *bounds, int segme
     }
 }
 
-dph_verdict dph_gravity_check(const dph_bounds *bounds, const dph_path_point *point, int segment)
+dph_verdict dph_path_gravity_check(const dph_plan *plan, const dph_bounds *bounds)
 {
     /* Something must be left to move with. */
     static const double share = 0.99;
-    for (int i = 0; bounds->has_torque && i < 3; ++i)
-        if (!(fabs(point->gravity[i]) * bounds->torque[i] <= share))
-            return dph_refuse(DPH_STATUS_LIMIT_EXCEEDED, dph_segment_phase[segment], i + 1, fabs(point->gravity[i]),
-                              1.0 / bounds->torque[i]);
+    enum { POINTS = 8 };
+    for (int segment = 0; bounds->has_torque && segment < SEGMENTS; ++segment) {
+        double begin = plan->segment_arc[segment], length = plan->segment_arc[segment + 1] - begin;
+        for (int k = 0; k <= POINTS; ++k) {
+            dph_path_point point;
+            double arc = begin + length * k / POINTS;
+            dph_path_point_at(plan, bounds, segment, dph_parameter_of(arc / plan->length), &point);
+            for (int i = 0; i < 3; ++i)
+                if (!(fabs(point.gravity[i]) * bounds->torque[i] <= share))
+                    return dph_refuse(DPH_STATUS_LIMIT_EXCEEDED, dph_segment_phase[segment], i + 1, fabs(point.gravity[i]),
+                                      1.0 / bounds->torque[i]);
+        }
+    }
     return dph_accept();
 }
 

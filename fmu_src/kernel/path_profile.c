@@ -2,11 +2,10 @@
 #include <math.h>
 #include <string.h>
 
-#include "laws.h"
 #include "time_optimal.h"
 
 /* Knots: about this many intervals; at least so many in each segment of a side. */
-enum { INTERVALS = 40 };
+enum { INTERVALS = 48 };
 static const int least_intervals[3] = {3, 10, 3};
 
 /* A segment shorter than this, by the path parameter, has no knots of its own. */
@@ -247,7 +246,7 @@ double dph_profile_fit(dph_workspace *w)
     return time > 0.0 ? time : HUGE_VAL;
 }
 
-dph_verdict dph_profile_make(const dph_plan *plan, dph_workspace *w)
+void dph_profile_make(const dph_plan *plan, dph_workspace *w)
 {
     int segment = 0;
     for (int i = 0; i <= DPH_COARSE; ++i) {
@@ -256,9 +255,6 @@ dph_verdict dph_profile_make(const dph_plan *plan, dph_workspace *w)
         while (segment < SEGMENTS - 1 && plan->length * y[0] > plan->segment_arc[segment + 1])
             ++segment;
         dph_path_point_at(plan, &w->bounds, segment, x, &w->coarse[i]);
-        dph_verdict verdict = dph_gravity_check(&w->bounds, &w->coarse[i], segment);
-        if (verdict.status != DPH_STATUS_OK)
-            return verdict;
     }
     profile_caps(w);
     lay_knots(plan, w);
@@ -266,6 +262,7 @@ dph_verdict dph_profile_make(const dph_plan *plan, dph_workspace *w)
 
     /* The crude profile has corners, which jerk does not like: of several degrees of smoothing the fastest; a constant b always works. */
     static const int passes[] = {2, 3, 5, 10, 20};
+    size_t size = (size_t)(w->intervals + 1) * sizeof *w->b;
     double best_time = HUGE_VAL, best[2][DPH_PIECES + 1];
     profile_erode(w->profile);
     for (size_t i = 0; i <= sizeof passes / sizeof *passes; ++i) {
@@ -283,15 +280,14 @@ dph_verdict dph_profile_make(const dph_plan *plan, dph_workspace *w)
         double time = dph_profile_fit(w);
         if (time < best_time) {
             best_time = time;
-            memcpy(best[0], w->b, sizeof best[0]);
-            memcpy(best[1], w->slope, sizeof best[1]);
+            memcpy(best[0], w->b, size);
+            memcpy(best[1], w->slope, size);
         }
     }
-    memcpy(w->b, best[0], sizeof best[0]);
-    memcpy(w->slope, best[1], sizeof best[1]);
+    memcpy(w->b, best[0], size);
+    memcpy(w->slope, best[1], size);
     w->unit = best_time;
     for (int k = 0; k < w->intervals; ++k)
         for (int j = 0; j < DPH_NODES; ++j)
             w->node[k][j].weight /= best_time;
-    return dph_accept();
 }

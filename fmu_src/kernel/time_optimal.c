@@ -10,8 +10,11 @@
 #include "quadrature.h"
 
 /* Iterations at most, and relative gaps: the first run ends near enough to the optimum, the second one continues from there. */
-enum { FIRST_ITERATIONS = 25, REPAIR_ITERATIONS = 15 };
-static const double first_gap = 0.5, repair_gap = 0.02, tolerance = 1e-2;
+enum { FIRST_ITERATIONS = 25, REPAIRS = 2, REPAIR_ITERATIONS = 15 };
+static const double first_gap = 0.5, repair_gap = 0.02, tolerance = 3e-3;
+
+/* A stretch not worth a repair. */
+static const double enough = 1.001;
 
 /* What the parabolas of the verification may have missed, as a ratio of velocities: found to be below 2e-4 for jerk, its cube. */
 static const double unseen = 1.0001;
@@ -23,22 +26,18 @@ int dph_workspace_size(void)
 
 /* ---- Verification ----------------------------------------------------------------------------------------------------------------- */
 
-/* Greatest absolute value of samples, by parabolas through the greatest ones. */
+/* Greatest absolute value of a smooth function by its samples and the tops of the parabolas through any three neighbours. */
 static double peak_of(const double f[DPH_FINE + 1])
 {
     double peak = 0.0;
-    for (int i = 0; i <= DPH_FINE; ++i) {
-        double here = fabs(f[i]);
-        if (here > peak)
-            peak = here;
-        if (i == 0 || i == DPH_FINE)
-            continue;
-        double sign = f[i] < 0.0 ? -1.0 : 1.0, before = sign * f[i - 1], after = sign * f[i + 1];
-        double bend = 2.0 * here - before - after;
-        if (here >= before && here >= after && bend > 0.0) {
-            double top = here + (after - before) * (after - before) / (8.0 * bend);
-            if (top > peak)
-                peak = top;
+    for (int i = 0; i <= DPH_FINE; ++i)
+        peak = fabs(f[i]) > peak ? fabs(f[i]) : peak;
+    for (int i = 1; i < DPH_FINE; ++i) {
+        double sign = f[i] < 0.0 ? -1.0 : 1.0, here = sign * f[i], rise = sign * (f[i + 1] - f[i - 1]);
+        double bend = 2.0 * here - sign * (f[i + 1] + f[i - 1]);
+        if (fabs(rise) <= 2.0 * bend) { /* the top is between the outer two */
+            double top = here + rise * rise / (8.0 * bend);
+            peak = top > peak ? top : peak;
         }
     }
     return peak;
@@ -76,9 +75,9 @@ static int excess_of(const dph_workspace *w, int k, double excess[3])
     return 1;
 }
 
-/* The factor by which time has to be stretched to keep all limits, at least 1; 0 where b is not positive. `tighten`: also tell the solver
- * by how much to keep away from the limits of each interval. */
-static double stretch_of(dph_workspace *w, int tighten)
+/* The factor by which time has to be stretched to keep all limits, at least 1; 0 where b is not positive. Found besides: by how much each
+ * interval goes beyond its limits. */
+static double stretch_of(dph_workspace *w)
 {
     double greatest[3] = {0.0};
     for (int k = 0; k < w->intervals; ++k) {
@@ -87,8 +86,7 @@ static double stretch_of(dph_workspace *w, int tighten)
             return 0.0;
         for (int i = 0; i < 3; ++i) {
             greatest[i] = excess[i] > greatest[i] ? excess[i] : greatest[i];
-            if (tighten && excess[i] > 1.0)
-                w->tighten[k][i] = excess[i];
+            w->tighten[k][i] = excess[i] > 1.0 ? excess[i] : 1.0;
         }
     }
     double stretch = sqrt(greatest[0]), by_acceleration = sqrt(greatest[1]), by_jerk = cbrt(greatest[2]);
@@ -165,25 +163,27 @@ dph_verdict dph_time_optimal_make(dph_workspace *w, dph_plan *plan)
     if (verdict.status == DPH_STATUS_OK)
         verdict = dph_path_check(plan);
     if (verdict.status == DPH_STATUS_OK)
-        verdict = dph_profile_make(plan, w);
+        verdict = dph_path_gravity_check(plan, &w->bounds);
     if (verdict.status != DPH_STATUS_OK)
         return verdict;
+    dph_profile_make(plan, w);
 
     double start[2][DPH_PIECES + 1];
-    memcpy(start[0], w->b, sizeof start[0]);
-    memcpy(start[1], w->slope, sizeof start[1]);
+    size_t size = (size_t)(w->intervals + 1) * sizeof *w->b;
+    memcpy(start[0], w->b, size);
+    memcpy(start[1], w->slope, size);
     (void)dph_interior_point(w, FIRST_ITERATIONS, first_gap, tolerance);
-    double stretch = stretch_of(w, 1);
-    if (stretch > 1.0) {
+    double stretch = stretch_of(w);
+    for (int repair = 0; repair < REPAIRS && stretch > enough; ++repair) {
         tighten(w);
         if (dph_profile_fit(w) < HUGE_VAL)
             (void)dph_interior_point(w, REPAIR_ITERATIONS, repair_gap, tolerance);
-        stretch = stretch_of(w, 0);
+        stretch = stretch_of(w);
     }
     if (!(stretch > 0.0)) { /* the solver failed: its start is a motion too */
-        memcpy(w->b, start[0], sizeof start[0]);
-        memcpy(w->slope, start[1], sizeof start[1]);
-        stretch = stretch_of(w, 0);
+        memcpy(w->b, start[0], size);
+        memcpy(w->slope, start[1], size);
+        stretch = stretch_of(w);
     }
     keep(w, stretch * unseen, plan);
     return dph_accept();

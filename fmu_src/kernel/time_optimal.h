@@ -21,8 +21,9 @@ dph_verdict dph_limits_make(const dph_limits *limits, dph_bounds *bounds);
  * where a torque is limited. */
 void dph_path_point_at(const dph_plan *plan, const dph_bounds *bounds, int segment, double x, dph_path_point *point);
 
-/* Can gravity be held there? OK, or LIMIT_EXCEEDED with the joint. */
-dph_verdict dph_gravity_check(const dph_bounds *bounds, const dph_path_point *point, int segment);
+/* Can gravity be held everywhere on the path? OK, or LIMIT_EXCEEDED with phase and joint. Cost: some 60 inverse dynamics where a torque is
+ * limited. */
+dph_verdict dph_path_gravity_check(const dph_plan *plan, const dph_bounds *bounds);
 
 /* Greatest b by velocity limits, inverted [s^2]. */
 double dph_inverse_cap(const dph_bounds *bounds, const dph_path_point *point);
@@ -32,9 +33,9 @@ void dph_rows_at(const dph_bounds *bounds, const dph_path_point *point, double c
 
 /* ---- path_profile.c --------------------------------------------------------------------------------------------------------------- */
 
-/* Lay knots where path and time ask for them, and a strictly feasible b, b' at them. The path has passed dph_path_check.
- * Fails: LIMIT_EXCEEDED where gravity cannot be held. */
-dph_verdict dph_profile_make(const dph_plan *plan, dph_workspace *w);
+/* Lay knots where path and time ask for them, and a strictly feasible b, b' at them. The path has passed dph_path_check and
+ * dph_path_gravity_check. */
+void dph_profile_make(const dph_plan *plan, dph_workspace *w);
 
 /* Shrink b to strict feasibility at the nodes by one factor. Returned: the duration then [s]; infinite where there is none. */
 double dph_profile_fit(dph_workspace *w);

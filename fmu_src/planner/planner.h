@@ -3,6 +3,7 @@
 #define PLANNER_H
 
 #include "kernel/kernel.h"
+#include "kernel/workspace.h"
 #include "model_variables.h"
 
 typedef struct {
@@ -16,5 +17,8 @@ typedef struct {
     int32_t elapsed_ms;   /* since the running plan began, at most its duration */
     int32_t last_trigger;
 } Model;
+
+/* Memory behind the model that no state keeps: the workspace of the planner. */
+enum { MODEL_SCRATCH = sizeof(dph_workspace) };
 
 #endif
