@@ -169,6 +169,8 @@ def run(
     """
     from deltaph.run import Options, run_scenario
 
+    if not telemetry and (connect or listen or wait_subscribers):
+        raise DeltaphError("--connect, --listen and --wait-subscribers need telemetry: leave out --no-telemetry")
     check_writable(record, json_file, csv)
     options = Options(
         record=record,

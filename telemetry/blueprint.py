@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import rerun as rr
 import rerun.blueprint as rrb
 
 from deltaph.telemetry.scene import FloatArray, Scene
@@ -18,7 +17,7 @@ _SO_FAR = rrb.VisibleTimeRanges(
 
 
 def _looking(scene: Scene, target: FloatArray, distance: float, aside: float = 0.0, above: float = 0.0) -> rrb.EyeControls3D:
-    """A camera that sees pick on the left and place on the right; `aside` and `above` turn it out of the normal of the path's plane."""
+    """A camera that sees pick on the left and place on the right; `aside` and `above` turn it off the normal of that plane."""
     up = np.array([0.0, 0.0, 1.0])
     direction = np.cross(scene.across, up) + aside * scene.across + above * up
     return rrb.EyeControls3D(
@@ -37,7 +36,7 @@ def _cell(scene: Scene) -> rrb.Spatial3DView:
         name="Cell",
         contents=["$origin/**"],
         overrides={EXECUTED_PATH: _SO_FAR},
-        eye_controls=_looking(scene, target, -3.7 * height, aside=0.35, above=0.25),
+        eye_controls=_looking(scene, target, -4.4 * height, aside=0.35, above=0.25),
         line_grid=False,
     )
 
@@ -101,7 +100,7 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
         name="Timing",
     )
     left = rrb.Vertical(
-        rrb.Horizontal(_cell(scene), rrb.TextDocumentView(name="Summary", origin="summary"), column_shares=[3, 2]),
+        rrb.Horizontal(_cell(scene), rrb.TextDocumentView(name="Summary", origin="summary"), column_shares=[4, 5]),
         rrb.Horizontal(_corner(scene, 0), _corner(scene, 1)),
     )
     return rrb.Blueprint(

@@ -11,6 +11,8 @@ QueryName = Literal["schema", "plan", "scenario", "summary"]
 
 MESSAGE_NAMES: tuple[MessageName, ...] = get_args(MessageName)
 QUERY_NAMES: tuple[QueryName, ...] = get_args(QueryName)
+FRAME_MESSAGES: tuple[MessageName, ...] = ("setpoint", "actual", "timing")
+"""One of each per frame; a plan comes when one is accepted or refused."""
 
 _CHUNK = re.compile(r"[A-Za-z0-9_.-]+")
 

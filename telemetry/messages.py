@@ -1,7 +1,7 @@
 """Message layouts, generated from the variable tables.
 
-A payload is CDR little-endian: the 4-byte header 00 01 00 00, then fields of fixed size that are aligned relative to byte 4. With the
-8-byte fields first there is no padding, so that any language reads a message with the offsets of the schema and nothing else.
+A payload is CDR little-endian: the 4-byte header 00 01 00 00, then fields of fixed size that are aligned relative to byte 4. With
+the 8-byte fields first there is no padding, so that any language reads a message with the offsets of the schema and nothing else.
 """
 
 from __future__ import annotations

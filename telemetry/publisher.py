@@ -10,18 +10,16 @@ import zenoh
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import Frame
-from deltaph.telemetry.keys import QUERY_NAMES, CellKeys, MessageName, QueryName
+from deltaph.telemetry.keys import FRAME_MESSAGES, QUERY_NAMES, CellKeys, MessageName, QueryName
 from deltaph.telemetry.messages import layout, schema_document
 from deltaph.telemetry.session import open_cell_session
 from deltaph.variables import variable_table
-
-_PER_FRAME: tuple[MessageName, ...] = ("setpoint", "actual", "timing")
 
 
 class Publisher:
     """A sink that publishes.
 
-    The sequence number of `setpoint`, `actual` and `timing` is the frame's step, so that a frame that never came here shows as a gap.
+    The sequence number of `setpoint`, `actual` and `timing` is the frame's step: a frame that never came here shows as a gap.
 
     Attributes:
         endpoints: where it listens.
@@ -49,7 +47,7 @@ class Publisher:
         self._answers: dict[QueryName, tuple[bytes, zenoh.Encoding]] = {}
         self._answer("schema", json.dumps(schema_document()))
         self._answer("scenario", scenario_json)
-        self._messages = [(layout(name), self._publisher(name)) for name in _PER_FRAME]
+        self._messages = [(layout(name), self._publisher(name)) for name in FRAME_MESSAGES]
         self._plan, self._plan_publisher = layout("plan"), self._publisher("plan")
         self._queryables = [self._session.declare_queryable(self._keys.of(name), self._answering(name)) for name in QUERY_NAMES]
         self._token = self._session.liveliness().declare_token(self._keys.token)
@@ -95,19 +93,20 @@ class Publisher:
         deadline = time.monotonic() + timeout
         while (found := self.subscribers()) < count:
             if time.monotonic() >= deadline:
-                raise EnvironmentProblem(f"{found} of {count} Zenoh subscribers came within {timeout:g} s to {', '.join(self.endpoints)}")
+                raise EnvironmentProblem(
+                    f"{found} of {count} Zenoh subscribers came within {timeout:g} s to {', '.join(self.endpoints)}"
+                )
             time.sleep(0.01)  # between two looks, so that waiting costs nothing
 
     def close(self) -> None:
-        """Send the summary, withdraw the token, close the session. A second call does nothing."""
+        """Send the summary and close the session, which ends the token. A second call does nothing."""
         if self._session.is_closed():
             return
         if "summary" in self._answers:
             payload, encoding = self._answers["summary"]
             block = zenoh.CongestionControl.BLOCK  # it ends the stream: it may wait, and must not be lost
             self._session.put(self._keys.of("summary"), payload, encoding=encoding, congestion_control=block)
-        self._token.undeclare()
-        self._session.close()
+        self._session.close()  # type: ignore[no-untyped-call]
 
     def _publisher(self, name: MessageName) -> zenoh.Publisher:
         return self._session.declare_publisher(

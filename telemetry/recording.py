@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import rerun as rr
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import Frame
 from deltaph.telemetry.blueprint import blueprint
-from deltaph.telemetry.keys import MessageName
+from deltaph.telemetry.keys import FRAME_MESSAGES, MessageName
 from deltaph.telemetry.messages import Layout, Records, layout
 from deltaph.telemetry.scene import Scene
 from deltaph.telemetry.signals import TRACKING_ERRORS, limits, signals, style
@@ -19,7 +20,6 @@ from deltaph.telemetry.world import MovingWorld, still_world
 
 APPLICATION_ID = "deltaph"
 
-_RECORDED: tuple[MessageName, ...] = ("setpoint", "actual", "timing")
 _LANES: tuple[tuple[str, MessageName, str], ...] = (("phase", "setpoint", "path.phase"), ("trip", "actual", "trip"))
 
 
@@ -38,7 +38,7 @@ class Recorder:
     def __init__(self, path: Path, scene: Scene, *, chunk: int = 1000) -> None:
         self._chunk = chunk
         self._frames: list[Frame] = []
-        self._messages: dict[MessageName, list[np.void]] = {name: [] for name in _RECORDED}
+        self._messages: dict[MessageName, list[np.void]] = {name: [] for name in FRAME_MESSAGES}
         self._signals = signals(scene)
         self._limits = list(limits(scene))
         self._world = MovingWorld(scene)
@@ -46,11 +46,10 @@ class Recorder:
         self._summary: tuple[str, str] | None = None
         self._closed = False
         self._path = path
-        self._file_is_open = False
+        self._scene = scene
         self._blueprint = blueprint(scene)
-        self._stream = rr.RecordingStream(APPLICATION_ID)
-        self._stream.set_log_time_enabled(False)
-        self._describe(scene)
+        self._still = list(self._stills())
+        self._open_stream: rr.RecordingStream | None = None
         _check_writable(path)
 
     def take(self, frame: Frame) -> None:
@@ -80,31 +79,46 @@ class Recorder:
         try:
             self._write_frames()
             self._write_messages(None)
-            if self._summary is not None:
+            if self._summary is not None and self._open_stream is not None:
                 markdown, facts = self._summary
-                self._log("summary", rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN))
+                self._stream.log("summary", _text(markdown), static=True, strict=True)
                 self._stream.send_property("summary", rr.AnyValues(json=facts))
         finally:
-            self._stream.disconnect()
+            if self._open_stream is not None:
+                self._open_stream.disconnect()
 
-    def _describe(self, scene: Scene) -> None:
-        self._stream.send_recording_name(scene.title)
-        self._stream.send_property("scenario", rr.AnyValues(title=scene.title, law=scene.law, json=scene.scenario_json))
-        text = f"# {scene.title}\n\nLaw `{scene.law}`. The run ended before its summary."
-        self._log("summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
-        for entity, archetype in (*still_world(scene), *self._world.styles()):
-            self._log(entity, archetype)
-        named = [(s.entity, s.names) for s in (*self._signals, *self._limits)]
-        for entity, names in (*named, *((entity, names) for entity, (_, names) in TRACKING_ERRORS.items())):
-            self._log(entity, style(entity, names))
+    @property
+    def _stream(self) -> rr.RecordingStream:
+        """The file, begun with what does not move when the first rows come."""
+        if self._open_stream is None:
+            stream = rr.RecordingStream(APPLICATION_ID)
+            stream.set_log_time_enabled(False)
+            try:
+                stream.save(self._path, default_blueprint=self._blueprint)
+            except RuntimeError as error:
+                raise EnvironmentProblem(f"cannot write {self._path}: {error}") from error
+            self._open_stream = stream
+            stream.send_recording_name(self._scene.title)
+            facts = rr.AnyValues(title=self._scene.title, law=self._scene.law, json=self._scene.scenario_json)
+            stream.send_property("scenario", facts)
+            for entity, archetype in self._still:
+                stream.log(entity, archetype, static=True, strict=True)
+        return self._open_stream
 
-    def _log(self, entity: str, archetype: Any) -> None:
-        self._stream.log(entity, archetype, static=True, strict=True)
+    def _stills(self) -> Iterator[tuple[str, Any]]:
+        yield "summary", _text(f"# {self._scene.title}\n\nLaw `{self._scene.law}`. The run ended before its summary.")
+        yield from still_world(self._scene)
+        yield from self._world.styles()
+        lines = {signal.entity: signal.names for signal in self._signals}
+        lines |= {limit.entity: limit.names for limit in self._limits}
+        lines |= {entity: names for entity, (_, names) in TRACKING_ERRORS.items()}
+        for entity, names in lines.items():
+            yield entity, style(entity, names)
 
     def _write_frames(self) -> None:
         frames, self._frames = self._frames, []
         if frames:
-            self._write({name: layout(name).records(frames) for name in _RECORDED})
+            self._write({name: layout(name).records(frames) for name in FRAME_MESSAGES})
 
     def _write_messages(self, newest: int | None) -> None:
         """Write the messages up to a sequence number, or all; later ones stay, so that setpoints meet their actual values."""
@@ -118,15 +132,8 @@ class Recorder:
     def _write(self, rows: dict[MessageName, Records]) -> None:
         for name, records in rows.items():
             if len(records):
-                self._open_file()
                 self._write_message(name, records)
         self._write_tracking_errors(rows["setpoint"], rows["actual"])
-
-    def _open_file(self) -> None:
-        """Begin the file with what was described so far."""
-        if not self._file_is_open:
-            self._stream.save(self._path, default_blueprint=self._blueprint)
-            self._file_is_open = True
 
     def _write_message(self, name: MessageName, records: Records) -> None:
         index = _index(records)
@@ -157,11 +164,16 @@ class Recorder:
         values = records[field].astype(int)
         changed = np.flatnonzero(np.diff(values, prepend=self._lanes.get(entity, -1)))
         items = next(f.items for f in message.fields if f.name == field)
-        self._send(entity, _index(records[changed]), rr.StateChange.columns(state=[items[value] for value in values[changed]]))
+        if len(changed):
+            self._send(entity, _index(records[changed]), rr.StateChange.columns(state=[items[value] for value in values[changed]]))
         self._lanes[entity] = int(values[-1])
 
     def _send(self, entity: str, index: list[rr.TimeColumn], columns: Any) -> None:
         self._stream.send_columns(entity, index, columns, strict=True)
+
+
+def _text(markdown: str) -> rr.TextDocument:
+    return rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN)
 
 
 def _index(records: Records) -> list[rr.TimeColumn]:

@@ -16,8 +16,8 @@ from deltaph.errors import EnvironmentProblem
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """Where a cell listens when nothing else is asked for."""
 
-# A message that waits in the sender's queue for longer than `wait_before_drop` is lost, and Zenoh does not say so. The publisher has
-# a thread of its own (BackgroundSink), so it may wait: what is then too much is dropped, and counted, at that thread's queue.
+# A message that waits in the sender's queue for longer than `wait_before_drop` is lost, and Zenoh does not say so. The publisher
+# has a thread of its own (BackgroundSink), so it may wait: what is then too much is dropped, and counted, at that thread's queue.
 _QUEUE_BATCHES = 16
 _WAIT_BEFORE_DROP_US = 100_000
 

@@ -123,7 +123,7 @@ TRACKING_ERRORS = {
 
 
 def limits(scene: Scene) -> Iterator[Limit]:
-    """The limits of what is recorded; one line where all joints have the same, and the same below zero where a signal has a sign."""
+    """The limits of what is recorded: one line where all joints have the same, and for joints the same below zero."""
     units = {signal.entity.rpartition("/")[0]: signal.names[0].rpartition(" ")[2] for signal in signals(scene)}
     prescribed = ("path/deviation", tuple(np.unique(scene.corner_deviation).tolist()))
     given = [(quantity.replace("_", "/", 1), tuple(np.unique(value).tolist())) for quantity, value in scene.limits.items()]

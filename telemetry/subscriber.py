@@ -34,7 +34,7 @@ class Message(NamedTuple):
 
 
 class Subscriber:
-    """A client of one cell. It is subscribed from the start, so that nothing is missed between finding the cell and reading its messages.
+    """A client of one cell; subscribed from the start, so that nothing is missed between finding the cell and reading its messages.
 
     Attributes:
         received: messages so far, by name.
@@ -81,7 +81,9 @@ class Subscriber:
         if not self._alive.wait(timeout):
             raise EnvironmentProblem(f"cell {self._keys.cell} did not appear within {timeout:g} s")
         if self.ask("schema") != schema_document():
-            raise EnvironmentProblem(f"the messages of cell {self._keys.cell} are not this version's: use the same deltaph on both sides")
+            raise EnvironmentProblem(
+                f"the messages of cell {self._keys.cell} are not this version's: use the same deltaph on both sides"
+            )
 
     def ask(self, name: QueryName) -> Any:
         """What a queryable of the cell answers: the parsed JSON, or for `plan` the record of the last plan.
@@ -93,7 +95,11 @@ class Subscriber:
         reason = "no answer"
         for reply in self._session.get(key, timeout=_ANSWER_TIMEOUT):
             if reply.ok is not None:
-                return self._layouts[key].decode(reply.ok.payload.to_bytes()) if name == "plan" else json.loads(reply.ok.payload.to_bytes())
+                return (
+                    self._layouts[key].decode(reply.ok.payload.to_bytes())
+                    if name == "plan"
+                    else json.loads(reply.ok.payload.to_bytes())
+                )
             if reply.err is not None:
                 reason = reply.err.payload.to_string()
         raise EnvironmentProblem(f"cell {self._keys.cell} does not tell its {name}: {reason}")
@@ -124,7 +130,7 @@ class Subscriber:
     def close(self) -> None:
         """Close the session. A second call does nothing."""
         if not self._session.is_closed():
-            self._session.close()
+            self._session.close()  # type: ignore[no-untyped-call]
 
     def _on_token(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:

@@ -19,7 +19,7 @@ _METAL = (185, 190, 200)
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 73)
 
 
-def _pixels(count: float) -> rr.components.Radius:
+def _pixels(count: float) -> Any:
     """A line width that does not depend on the zoom."""
     return rr.components.Radius.ui_points(count)
 
@@ -78,5 +78,6 @@ class MovingWorld:
 
 def _strips(points: FloatArray) -> Any:
     """Columns of line strips (n, strips, points, 3)."""
-    n, strips, count, _ = points.shape
-    return rr.LineStrips3D.columns(strips=points.reshape(n * strips, count, 3)).partition([strips] * n)
+    n, count, *strip = points.shape
+    strips: Any = points.reshape(n * count, *strip)
+    return rr.LineStrips3D.columns(strips=strips).partition([count] * n)

@@ -1,6 +1,6 @@
-/* The three arms in one pose: what kinematics and dynamics share. E_i is the elbow (of a pair of rods: between the two), s_i the forearm
- * from there to the platform, u_i the horizontal unit vector along arm i, k the vertical; c_i, s_i in formulas are cosine and sine of
- * theta_i. Loop closure: phi_i = (|s_i|^2 - forearm_length^2) / 2 = 0. */
+/* The three arms in one pose: what kinematics and dynamics share. E_i is the elbow (of a pair of rods: between the two), s_i the
+ * forearm from there to the platform, u_i the horizontal unit vector along arm i, k the vertical; cos and sin are those of theta_i.
+ * Loop closure: phi_i = (|s_i|^2 - forearm_length^2) / 2 = 0. */
 #ifndef DELTAPH_DELTA_ARMS_H
 #define DELTAPH_DELTA_ARMS_H
 
@@ -14,7 +14,7 @@ static const double arm_direction[3][2] = {{1.0, 0.0}, {-0.5, 0.8660254037844386
 
 /* One arm: elbow E, its derivatives by theta, forearm vector. */
 typedef struct dph_arm {
-    double elbow[3], elbow_d[3], elbow_dd[3]; /* E, E' = -La (u s + k c), E'' = -La (u c - k s) [m] */
+    double elbow[3], elbow_d[3], elbow_dd[3]; /* E, E' = -La (u sin + k cos), E'' = -La (u cos - k sin) [m] */
 } dph_arm;
 
 /* The three arms at one point, without the angles themselves: joint i is at atan2(direction[i][1], direction[i][0]). */
@@ -61,8 +61,8 @@ static inline void forearm_at(const dph_robot *robot, int i, const dph_arm *arm,
     s[2] = point[2] - arm->elbow[2];
 }
 
-/* The lower point at forearm length from the three sphere centres E_i - r u_i: below their circumcentre, on its normal. Returns 0 where
- * there is none; every comparison is false for a NaN. */
+/* The lower point at forearm length from the three sphere centres E_i - r u_i: below their circumcentre, on its normal. Returns 0
+ * where there is none; every comparison is false for a NaN. */
 static inline int platform_below(const dph_robot *robot, const dph_arm arm[3], double point[3])
 {
     double centre[3][3], a[3], b[3], n[3], na[3], bn[3];

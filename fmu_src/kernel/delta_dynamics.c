@@ -1,7 +1,8 @@
 /* Rigid-body dynamics of the Delta robot with rigid rods: paper eq. (1) completed by its platform rows.
  *
- * Coordinates q = (theta, p), closures phi_i = (|s_i|^2 - l^2) / 2 = 0 (delta_arms.h), Jacobian J = [-diag(b), A]: b_i = s_i . E'_i, A has
- * the rows s_i. A rod without spin has the angular velocity s x s' / l^2, so that a pair of mass mf with transverse inertia If has
+ * Coordinates q = (theta, p), closures phi_i = (|s_i|^2 - l^2) / 2 = 0 (delta_arms.h), Jacobian J = [-diag(b), A]: b_i is
+ * s_i . E'_i and A has the rows s_i. A rod without spin turns at s x s' / l^2, so that a pair of mass mf with
+ * transverse inertia If has
  *   T = mf |(E + p)' / 2|^2 / 2 + (If / l^2) |p' - E'|^2 / 2,
  * which makes M constant but for the coupling of arm and platform. No part of it is lumped to elbow and platform.
  *   M q'' + h + J^T lambda = (tau, 0) */
@@ -18,7 +19,7 @@ typedef struct {
     double arm;             /* M_ii: upper arm, drive and the rods' share [kg m^2] */
     double coupling;        /* M_ip = coupling E'_i [kg] */
     double platform;        /* M_pp: platform, payload and the rods' share [kg] */
-    double arm_weight;      /* h_i = -arm_weight c_i [N m] */
+    double arm_weight;      /* h_i = -arm_weight cos theta_i [N m] */
     double platform_weight; /* vertical part of h_p [N] */
 } Inertia;
 
@@ -58,7 +59,7 @@ void dph_pose_dynamics(const dph_robot *robot, const dph_pose *pose, double payl
     invert_rows(s, &inverse);
     multipliers(&inverse, force, motion->lambda);
 
-    /* Gravity of the arm: E'_z = -La c, so that c = -E'_z / La. */
+    /* Gravity of the arm: E'_z = -La cos theta. */
     double arm_weight = m.arm_weight / robot->upper_arm_length;
     for (int i = 0; i < 3; ++i) {
         const double *elbow_d = pose->arm[i].elbow_d;

@@ -62,9 +62,9 @@ static dph_verdict unreachable(int i, double required, double available)
     return dph_refuse(DPH_STATUS_UNREACHABLE, DPH_PHASE_IDLE, i + 1, required, available);
 }
 
-/* One joint. In the plane of arm i the platform joint lies x outwards of the shoulder and z above it, y beside the plane. The closure
- * x cos - z sin = K := (x^2 + z^2 + La^2 + y^2 - l^2) / (2 La) has two solutions; with the minus branch, the smaller angle, the elbow is
- * outwards. Returned: cosine and sine of the angle, both times x^2 + z^2, which is `plane2`. */
+/* One joint. In the plane of arm i the platform joint lies x outwards of the shoulder and z above it, y beside the plane. The
+ * closure x cos - z sin = K := (x^2 + z^2 + La^2 + y^2 - l^2) / (2 La) has two solutions; with the minus branch, the smaller angle,
+ * the elbow is outwards. Returned: cosine and sine of the angle, both times x^2 + z^2, which is `plane2`. */
 static dph_verdict upper_arm(const dph_robot *robot, int i, const double point[3], double direction[2], double *plane2)
 {
     const double *u = arm_direction[i];

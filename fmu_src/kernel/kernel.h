@@ -289,6 +289,12 @@ void dph_plan_sample(const dph_plan *plan, double time, dph_setpoint *setpoint);
 /* The same for n times. */
 void dph_plan_sample_array(const dph_plan *plan, int n, const double *time, dph_setpoint *setpoint);
 
+/* The setpoint under a path-speed override: the plan's own clock runs at a rate r(t), and `time` is where it stands.
+ * Given:    rate: r, dr/dt, d2r/dt2 [1, 1/s, 1/s^2]. With r = 1 at rest the result is that of dph_plan_sample, to the bit.
+ * Returned: velocity P' r, acceleration P'' r^2 + P' dr/dt, and so on, and the joints and torques that go with them.
+ * Cost:     one more inverse kinematics and dynamics. */
+void dph_plan_sample_at_rate(const dph_plan *plan, double time, const double rate[3], dph_setpoint *setpoint);
+
 /* The setpoint of a robot at rest.
  * Given: point (3) [m], payload [kg]. Fails: as dph_inverse_kinematics; setpoint then keeps its value. */
 dph_verdict dph_rest(const dph_robot *robot, const double point[3], double payload, dph_setpoint *setpoint);

@@ -207,6 +207,21 @@ void dph_plan_sample(const dph_plan *plan, double time, dph_setpoint *setpoint)
     setpoint->vertex_distance = vertex_distance(&plan->task, setpoint->tcp_position);
 }
 
+void dph_plan_sample_at_rate(const dph_plan *plan, double time, const double rate[3], dph_setpoint *setpoint)
+{
+    dph_plan_sample(plan, time, setpoint);
+    double r = rate[0];
+    if (r == 1.0 && rate[1] == 0.0 && rate[2] == 0.0)
+        return;
+    for (int i = 0; i < 3; ++i) {
+        double v = setpoint->tcp_velocity[i], a = setpoint->tcp_acceleration[i], j = setpoint->tcp_jerk[i];
+        setpoint->tcp_velocity[i] = v * r;
+        setpoint->tcp_acceleration[i] = a * r * r + v * rate[1];
+        setpoint->tcp_jerk[i] = j * r * r * r + 3.0 * a * r * rate[1] + v * rate[2];
+    }
+    (void)joints_at(&plan->robot, plan->task.payload, setpoint); /* cannot fail: path_check */
+}
+
 void dph_plan_sample_array(const dph_plan *plan, int n, const double *time, dph_setpoint *setpoint)
 {
     for (int i = 0; i < n; ++i)

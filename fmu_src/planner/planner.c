@@ -99,7 +99,7 @@ static void take_request(Model *m, const ModelLog *log)
         } else {
             m->running = plan;
             m->has_run = m->is_running = 1;
-            m->elapsed_ms = 0;
+            m->elapsed_ms = 0.0;
         }
     } else {
         m->v.plan_refused += 1;
@@ -112,7 +112,7 @@ static void write_outputs(Model *m)
     Variables *v = &m->v;
     dph_setpoint s = m->standby;
     if (m->has_run)
-        dph_plan_sample(&m->running, m->elapsed_ms / 1e3, &s);
+        dph_plan_sample_at_rate(&m->running, m->elapsed_ms / 1e3, m->feed.rate, &s);
     memcpy(v->joint_position, s.joint_position, sizeof v->joint_position);
     memcpy(v->joint_velocity, s.joint_velocity, sizeof v->joint_velocity);
     memcpy(v->joint_acceleration, s.joint_acceleration, sizeof v->joint_acceleration);
@@ -143,8 +143,9 @@ int model_initialize(void *model, const ModelLog *log)
     Model *m = model;
     m->robot = robot_from(&m->v);
     m->has_run = m->is_running = m->is_waiting = 0;
-    m->elapsed_ms = 0;
+    m->elapsed_ms = 0.0;
     m->last_trigger = 0;
+    feed_start(&m->feed, m->v.feed);
     m->v.plan_status = (int32_t)DPH_STATUS_NONE;
     m->v.plan_count = m->v.plan_refused = 0;
     m->v.plan_required = m->v.plan_available = m->v.plan_duration = 0.0;
@@ -163,21 +164,33 @@ int model_initialize(void *model, const ModelLog *log)
     return 1;
 }
 
+/* Move the clock of the running plan on. A plan begins and ends at rest, so that what is left of a step goes to the waiting one. */
+static void advance(Model *m, double ms)
+{
+    if (!m->is_running)
+        return;
+    m->elapsed_ms += ms;
+    while (m->elapsed_ms >= m->running.duration_ms) {
+        if (!m->is_waiting) {
+            m->is_running = 0;
+            m->elapsed_ms = m->running.duration_ms;
+            return;
+        }
+        m->elapsed_ms -= m->running.duration_ms;
+        m->running = m->waiting;
+        m->is_waiting = 0;
+    }
+}
+
 void model_step(void *model, uint32_t n, const ModelLog *log)
 {
     Model *m = model;
     take_request(m, log);
-    int64_t elapsed = (int64_t)m->elapsed_ms + (m->is_running ? (int64_t)n : 0);
-    while (m->is_running && elapsed >= m->running.duration_ms) {
-        if (!m->is_waiting) {
-            m->is_running = 0;
-            elapsed = m->running.duration_ms;
-            break;
-        }
-        elapsed -= m->running.duration_ms;
-        m->running = m->waiting;
-        m->is_waiting = 0;
+    if (feed_is_settled(&m->feed, m->v.feed)) {
+        advance(m, n * m->v.feed);
+    } else {
+        for (uint32_t i = 0; i < n; ++i)
+            advance(m, 1e3 * feed_step(&m->feed, m->v.feed));
     }
-    m->elapsed_ms = (int32_t)elapsed;
     write_outputs(m);
 }

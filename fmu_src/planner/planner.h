@@ -2,6 +2,7 @@
 #ifndef PLANNER_H
 #define PLANNER_H
 
+#include "feed.h"
 #include "kernel/kernel.h"
 #include "kernel/workspace.h"
 #include "model_variables.h"
@@ -13,8 +14,9 @@ typedef struct {
     dph_setpoint standby; /* at rest, before the first plan */
     dph_plan running;     /* the last one begun; meaningful once has_run is set */
     dph_plan waiting;
+    Feed feed;
+    double elapsed_ms;    /* on the running plan's clock, at most its duration; whole numbers unless the feed has slowed it */
     int32_t has_run, is_running, is_waiting;
-    int32_t elapsed_ms;   /* since the running plan began, at most its duration */
     int32_t last_trigger;
 } Model;
 

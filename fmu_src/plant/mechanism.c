@@ -100,8 +100,10 @@ dph_verdict mechanism_advance(Mechanism *m, const Drive *drive, const Axis axis[
             return singular(0.0);
     }
     for (int i = 0; i < 3; ++i) {
-        next.theta[i] = now->theta[i] + h / 6.0 * (k[0].theta_d[i] + 2.0 * (k[1].theta_d[i] + k[2].theta_d[i]) + k[3].theta_d[i]);
-        next.theta_d[i] = now->theta_d[i] + h / 6.0 * (k[0].theta_dd[i] + 2.0 * (k[1].theta_dd[i] + k[2].theta_dd[i]) + k[3].theta_dd[i]);
+        double v = k[0].theta_d[i] + 2.0 * (k[1].theta_d[i] + k[2].theta_d[i]) + k[3].theta_d[i];
+        double a = k[0].theta_dd[i] + 2.0 * (k[1].theta_dd[i] + k[2].theta_dd[i]) + k[3].theta_dd[i];
+        next.theta[i] = now->theta[i] + h / 6.0 * v;
+        next.theta_d[i] = now->theta_d[i] + h / 6.0 * a;
     }
     if (!solve(m, drive, axis, 2, &next))
         return singular(0.0);

@@ -19,7 +19,7 @@ static double bounded(double x)
     return x > greatest ? greatest : x < -greatest ? -greatest : x;
 }
 
-/* ---- Start ------------------------------------------------------------------------------------------------------------------------ */
+/* ---- Start ------------------------------------------------------------------------------------------------------------------- */
 
 static int refuse(const ModelLog *log, const char *sentence)
 {
@@ -65,7 +65,7 @@ static int drive_is_legal(const Variables *v, const ModelLog *log)
     return 1;
 }
 
-/* ---- Inputs and outputs ----------------------------------------------------------------------------------------------------------- */
+/* ---- Inputs and outputs ------------------------------------------------------------------------------------------------------ */
 
 /* The reference some time [s] after the communication point: theta + w t + a t^2 / 2. */
 static Reference reference_after(const Variables *v, int i, double t)
@@ -143,7 +143,7 @@ int model_initialize(void *model, const ModelLog *log)
     return 1;
 }
 
-/* ---- Trips ------------------------------------------------------------------------------------------------------------------------ */
+/* ---- Trips ------------------------------------------------------------------------------------------------------------------- */
 
 /* Trips latch: drives off, brakes on. Only the first one counts. */
 static void trip(Model *m, int32_t reason, const char *sentence, double steps, const ModelLog *log)
@@ -185,14 +185,15 @@ static void watch(Model *m, const Reference reference[3], double steps, const Mo
             return;
         }
         if (!(speed <= speed_limit)) {
-            snprintf(sentence, sizeof sentence, "motor %d runs at %.4g rad/s, at most %.4g rad/s are allowed", i + 1, speed, speed_limit);
+            snprintf(sentence, sizeof sentence, "motor %d runs at %.4g rad/s, at most %.4g rad/s are allowed", i + 1, speed,
+                     speed_limit);
             trip(m, TRIP_OVERSPEED, sentence, steps, log);
             return;
         }
     }
 }
 
-/* ---- Steps ------------------------------------------------------------------------------------------------------------------------ */
+/* ---- Steps ------------------------------------------------------------------------------------------------------------------- */
 
 /* One period of the drives that begins some samples after the communication point. */
 static void run_period(Model *m, uint64_t sample, const ModelLog *log)

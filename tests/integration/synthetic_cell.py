@@ -1,4 +1,4 @@
-"""A made-up pick-and-place operation as frames, so that telemetry is tested without FMUs: not the product's path nor its motion law."""
+"""A made-up pick-and-place operation as frames, to test telemetry without FMUs: neither the product's path nor its motion law."""
 
 from __future__ import annotations
 
@@ -82,6 +82,37 @@ def _table(model: Model, *, floats: bool, values: Mapping[str, FloatArray], coun
             given = values[variable.group]
             table[:, column] = given if variable.index is None else given[:, variable.index]
     return table
+
+
+def random_frame(step: int) -> Frame:
+    """A frame in which no two values are equal by accident."""
+    random = np.random.default_rng(step)
+    arrays = []
+    for model in ("planner", "plant"):
+        outputs = variable_table(model).of("output")
+        floats = sum(v.is_float for v in outputs)
+        arrays += [random.normal(size=floats), random.integers(0, 2**31, len(outputs) - floats, dtype=np.int32)]
+    return Frame(step, 1e-3 * step, UNIX_TIME_NS + step, *arrays, random.normal(size=len(TIMING)))  # type: ignore[arg-type]
+
+
+def values_of(frame: Frame) -> dict[str, dict[str, float]]:
+    """What each message of a frame has to say, by message and field, without the sequence number."""
+    head = {"time": frame.time, "unix_time_ns": frame.unix_time_ns}
+    found: dict[str, dict[str, float]] = {}
+    for model, floats, integers in (
+        ("planner", frame.planner_floats, frame.planner_integers),
+        ("plant", frame.plant_floats, frame.plant_integers),
+    ):
+        outputs = variable_table(model).of("output")
+        names = [v.name for v in outputs if v.is_float] + [v.name for v in outputs if not v.is_float]
+        found[model] = dict(zip(names, [*floats.tolist(), *integers.tolist()], strict=True))
+    planner = found["planner"]
+    return {
+        "setpoint": head | {name: value for name, value in planner.items() if not name.startswith("plan.")},
+        "plan": head | {name: value for name, value in planner.items() if name.startswith("plan.")},
+        "actual": head | found["plant"],
+        "timing": head | dict(zip((name for name, _, _ in TIMING), frame.timing.tolist(), strict=True)),
+    }
 
 
 def frames(count: int = 354, step: float = 1e-3, noise: float = 0.0) -> list[Frame]:

@@ -1,4 +1,4 @@
-"""The command line as a user meets it: a process, its output, its exit code; every failure is one line and leaves nothing behind."""
+"""The command line as a user meets it: a process, its output, its exit code; a failure is one line and leaves nothing behind."""
 
 import csv
 import json
@@ -125,6 +125,7 @@ def test_bad_scenarios(tmp_path: Path, old: str, new: str, code: int, words: lis
         (["run", PAPER, "--record", "nowhere/paper.rrd"], ["there is no directory nowhere"]),
         (["run", PAPER, "--json", "."], ["it is a directory"]),
         (["run", PAPER, "--cycles", "0"], ["--cycles"]),
+        (["run", PAPER, "--no-telemetry", "--wait-subscribers", "1"], ["leave out --no-telemetry"]),
         (["run", PAPER, "--listen", "nonsense"], ["'nonsense' is not a Zenoh endpoint"]),
         (["build", "--fmi", "4"], ["--fmi is '4'"]),
         (["build", "--platform", "amiga"], ["amiga"]),

@@ -1,5 +1,6 @@
 """DeltaPlanner: what it emits is what `deltaph plan` samples; requests are taken, made to wait, or refused as the contract says."""
 
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -148,3 +149,56 @@ def test_the_task_is_that_of_the_moment_of_the_request(planner: FmiSlave) -> Non
     set_all(planner, {"task.place.x": 0.1, "task.corner_deviation_pick": 0.012})
     rows = play(planner, 10, 300)
     assert rows[-1][12] == 0.1525
+
+
+def fed(slave: FmiSlave, feeds: list[float]) -> dict[str, np.ndarray]:
+    """Outputs by name, one row per step, with the feed of each step."""
+    slave.initialize()
+    rows = []
+    for n, feed in enumerate(feeds):
+        assert slave.put({"feed": feed}) == OK, slave.messages
+        assert slave.step(n * 1e-3) == OK, slave.messages
+        rows.append(slave.outputs())
+    return dict(zip([v.name for v in TABLE.of("output")], np.array(rows, dtype=np.float64).T, strict=True))
+
+
+def test_feed_stops_on_the_path_and_resumes(planner: FmiSlave) -> None:
+    plan = Plan.of(load_scenario(SCENARIOS / "paper.toml"))
+    out = fed(planner, [1.0] * 60 + [0.0] * 500 + [1.0] * 700)
+    position = np.column_stack([out[f"tcp.position.{axis}"] for axis in "xyz"])
+    speed = np.linalg.norm([out[f"tcp.velocity.{axis}"] for axis in "xyz"], axis=0)
+    assert speed[540] < 1e-7
+    assert 0.0 < out["path.arc_length"][540] < plan.length
+    assert (np.diff(out["path.arc_length"]) >= 0.0).all()  # never backwards
+    assert position[-1].tolist() == list(plan.task.place)
+    assert out["plan.busy"][-1] == 0
+
+    # On the path: each point is one of the plan's, and the corner keeps its deviation.
+    dense = plan.sample(np.linspace(0.0, plan.duration, 30_001))["tcp_position"]
+    gaps = [np.linalg.norm(dense - point, axis=1).min() for point in position[::20]]
+    assert max(gaps) < 2.0 * 2.4 * plan.duration / 30_000
+    assert out["path.vertex_distance"].min() > 0.006 - 1e-12
+
+
+def test_feed_keeps_derivatives_together_and_jerk_bounded(planner: FmiSlave) -> None:
+    out = fed(planner, [1.0] * 100 + [0.3] * 300 + [1.0] * 300)
+    h = 1e-3
+    for kind, axes in (("tcp", ["x", "y", "z"]), ("joint", ["1", "2", "3"])):
+        for axis in axes:
+            names = [
+                f"tcp.{what}.{axis}" if kind == "tcp" else f"joint[{axis}].{what}"
+                for what in ("position", "velocity", "acceleration")
+            ]
+            for value, derivative in itertools.pairwise(names):
+                slope = (out[value][2:] - out[value][:-2]) / (2 * h)
+                scale = np.abs(out[derivative]).max()
+                assert slope == pytest.approx(out[derivative][1:-1], abs=0.02 * scale + 1e-9), (value, derivative)
+    acceleration = np.column_stack([out[f"tcp.acceleration.{axis}"] for axis in "xyz"])
+    jerk = np.linalg.norm(np.diff(acceleration, axis=0), axis=1) / h
+    assert jerk.max() < 11_328 + 2.4 * 50.0**2 * 1.5
+
+
+def test_feed_of_one_half_takes_twice_as_long(planner: FmiSlave) -> None:
+    assert planner.put({"feed": 0.5}) == OK
+    out = fed(planner, [0.5] * 606)
+    assert out["plan.busy"].tolist() == [1.0] * 605 + [0.0]

@@ -1,0 +1,268 @@
+"""Real recordings, read back."""
+
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rerun_cli
+from integration.synthetic_cell import DEVIATION, FOREARM, RIGHT_ANGLE_PATH, elbows, frames, scene, values_of
+from numpy.typing import NDArray
+from rerun.chunk import RrdReader
+
+from deltaph.errors import EnvironmentProblem
+from deltaph.frame import Frame
+from deltaph.telemetry import BackgroundSink, Recorder, layout
+from deltaph.telemetry.keys import FRAME_MESSAGES
+
+FRAMES = frames(1050, noise=1e-5)  # from the 1025th on, some times are below a whole nanosecond
+RERUN = Path(rerun_cli.__file__).with_name("rerun")
+
+
+class Recording:
+    """The rows and the static components of a recording, by entity."""
+
+    def __init__(self, path: Path) -> None:
+        reader = RrdReader(path)
+        (self.recording,) = reader.recordings()
+        self.blueprints = reader.blueprints()
+        self.rows: dict[str, dict[str, NDArray[Any]]] = {}
+        self.static: dict[str, dict[str, Any]] = {}
+        found: dict[str, list[Any]] = {}
+        for chunk in reader.stream():
+            batch = chunk.to_record_batch()
+            if chunk.is_static:
+                self.static.setdefault(chunk.entity_path, {}).update(
+                    {name: batch.column(name)[-1].as_py() for name in batch.schema.names}
+                )
+            else:
+                found.setdefault(chunk.entity_path, []).append(batch)
+        for entity, batches in found.items():
+            columns = {
+                name: [value for batch in batches for value in batch.column(name).to_pylist()]
+                for name in batches[0].schema.names
+                if name not in ("rerun.controls.RowId", "sim_time")
+            }
+            nanoseconds = np.concatenate(
+                [batch.column("sim_time").to_numpy(zero_copy_only=False).astype(np.int64) for batch in batches]
+            )
+            order = np.argsort(nanoseconds, kind="stable")
+            self.rows[entity] = {name: np.array(values)[order] for name, values in columns.items()} | {
+                "sim_time": nanoseconds[order]
+            }
+
+    def scalars(self, entity: str) -> NDArray[np.float64]:
+        """Values (rows, series)."""
+        return self.rows[entity]["Scalars:scalars"]
+
+
+def record(path: Path, chunk: int = 1000, *, summary: bool = True, recorded: list[Frame] = FRAMES) -> Path:
+    recorder = Recorder(path, scene(), chunk=chunk)
+    for frame in recorded:
+        recorder.take(frame)
+    if summary:
+        recorder.summary("# Deviation kept", '{"verdict": "kept"}')
+    recorder.close()
+    return path
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("recording") / "run.rrd", chunk=100)
+
+
+@pytest.fixture(scope="module")
+def recording(file: Path) -> Recording:
+    return Recording(file)
+
+
+def column(message: str, *names: str) -> NDArray[np.float64]:
+    """Fields of the frames (frames, names)."""
+    return np.array([[values_of(frame)[message][name] for name in names] for frame in FRAMES])
+
+
+def joints(quantity: str) -> Iterator[str]:
+    return (f"joint[{i}].{quantity}" for i in (1, 2, 3))
+
+
+def axes(quantity: str) -> Iterator[str]:
+    return (f"tcp.{quantity}.{axis}" for axis in "xyz")
+
+
+def verify(path: Path) -> None:
+    done = subprocess.run([RERUN, "rrd", "verify", path], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_verify_passes_and_the_blueprint_is_inside(file: Path, recording: Recording) -> None:
+    verify(file)
+    assert recording.recording.application_id == "deltaph"
+    assert [entry.application_id for entry in recording.blueprints] == ["deltaph"]
+
+
+@pytest.mark.parametrize("quantity", ["position", "velocity", "acceleration", "torque"])
+@pytest.mark.parametrize("role", ["setpoint", "actual"])
+def test_joint_values_are_those_of_the_frames(recording: Recording, quantity: str, role: str) -> None:
+    assert np.array_equal(recording.scalars(f"/joint/{quantity}/{role}"), column(role, *joints(quantity)))
+
+
+@pytest.mark.parametrize("role", ["setpoint", "actual"])
+def test_tool_values_are_those_of_the_frames(recording: Recording, role: str) -> None:
+    for quantity in ("position", "velocity"):
+        assert np.array_equal(recording.scalars(f"/tcp/{quantity}/{role}"), column(role, *axes(quantity)))
+    speed = np.linalg.norm(column(role, *axes("velocity")), axis=1)
+    np.testing.assert_allclose(recording.scalars(f"/tcp/speed/{role}")[:, 0], speed, rtol=1e-15)
+
+
+def test_tracking_error_is_setpoint_minus_actual(recording: Recording) -> None:
+    for entity, names in (("joint", list(joints("position"))), ("tcp", list(axes("position")))):
+        assert np.array_equal(recording.scalars(f"/{entity}/tracking_error"), column("setpoint", *names) - column("actual", *names))
+
+
+def test_deviation_is_the_distance_to_the_nearer_vertex(recording: Recording) -> None:
+    assert np.array_equal(recording.scalars("/path/deviation/setpoint"), column("setpoint", "path.vertex_distance"))
+    distance = [np.linalg.norm(column("actual", *axes("position")) - vertex, axis=1) for vertex in RIGHT_ANGLE_PATH[1:3]]
+    np.testing.assert_allclose(recording.scalars("/path/deviation/actual")[:, 0], np.min(distance, axis=0), rtol=1e-15)
+    assert np.unique(recording.scalars("/path/deviation/limit")) == [DEVIATION]
+
+
+def test_every_signal_has_one_row_per_frame_at_its_time_and_step(recording: Recording) -> None:
+    times = [round(frame.time * 1e9) for frame in FRAMES]
+    signals = {e: rows for e, rows in recording.rows.items() if e not in ("/phase", "/trip") and "limit" not in e}
+    assert {entity.split("/")[1] for entity in signals} == {"joint", "tcp", "path", "motor", "rod", "timing", "world"}
+    for entity, rows in signals.items():
+        assert rows["sim_time"].tolist() == times, entity
+        assert rows["step"].tolist() == list(range(len(FRAMES))), entity
+
+
+def test_timing_is_recorded(recording: Recording) -> None:
+    for name in ("planner_step", "plant_step", "publish", "lateness", "missed_deadlines", "real_time_factor"):
+        assert np.array_equal(recording.scalars(f"/timing/{name}"), column("timing", name))
+
+
+def test_phases_are_rows_where_they_change(recording: Recording) -> None:
+    phase = column("setpoint", "path.phase")[:, 0].astype(int)
+    items = next(field.items for field in layout("setpoint").fields if field.name == "path.phase")
+    changes = [k for k in range(len(phase)) if k == 0 or phase[k] != phase[k - 1]]
+    assert recording.rows["/phase"]["step"].tolist() == changes
+    assert recording.rows["/phase"]["StateChange:state"][:, 0].tolist() == [items[phase[k]] for k in changes]
+    assert recording.rows["/trip"]["StateChange:state"][:, 0].tolist() == ["none"]
+
+
+def test_finite_limits_span_the_recording(recording: Recording) -> None:
+    assert np.unique(recording.scalars("/joint/velocity/limit"), axis=0).tolist() == [[6.0]]
+    assert np.unique(recording.scalars("/joint/velocity/limit_below"), axis=0).tolist() == [[-6.0]]
+    assert np.unique(recording.scalars("/joint/torque/limit"), axis=0).tolist() == [[60.0, 80.0]]
+    steps = recording.rows["/joint/velocity/limit"]["step"]
+    assert (steps[0], steps[-1]) == (0, len(FRAMES) - 1)
+    assert not [entity for entity in recording.rows if entity.startswith(("/joint/jerk", "/tcp/speed/limit"))]
+
+
+def test_series_are_named_with_their_unit(recording: Recording) -> None:
+    assert recording.static["/joint/velocity/actual"]["SeriesLines:names"][0] == "joint[1].velocity actual [rad/s]"
+    assert recording.static["/tcp/tracking_error"]["SeriesLines:names"] == [f"tcp.tracking_error.{axis} [m]" for axis in "xyz"]
+    assert recording.static["/joint/torque/limit"]["SeriesLines:names"][0] == "joint.torque limit [N.m]"
+
+
+def test_robot_closes_in_space(recording: Recording) -> None:
+    """Rods end where arms and platform are (the viewer's numbers are 32-bit)."""
+    arms = recording.rows["/world/robot/arms"]["LineStrips3D:strips"]
+    rods = recording.rows["/world/robot/rods"]["LineStrips3D:strips"].reshape(len(FRAMES), 3, 2, 2, 3)
+    platform = recording.rows["/world/robot/platform"]["LineStrips3D:strips"][:, 0]
+    np.testing.assert_allclose(arms[:, :, 1], elbows(column("actual", *joints("position"))), atol=1e-6)
+    np.testing.assert_allclose(rods[:, :, :, 0].mean(axis=2), arms[:, :, 1], atol=1e-6)
+    np.testing.assert_allclose(rods[:, :, :, 1].mean(axis=2), platform[:, :3], atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(rods[:, :, :, 1] - rods[:, :, :, 0], axis=-1), FOREARM, atol=1e-6)
+    np.testing.assert_allclose(
+        recording.rows["/world/path/executed"]["Points3D:positions"][:, 0], platform[:, :3].mean(axis=1), atol=1e-6
+    )
+
+
+def test_paths_and_corners_are_there(recording: Recording) -> None:
+    for corner, vertex in zip(("pick", "place"), RIGHT_ANGLE_PATH[1:3], strict=True):
+        circle = np.array(recording.static[f"/world/corner/{corner}/circle"]["LineStrips3D:strips"])[0]
+        np.testing.assert_allclose(np.linalg.norm(circle - vertex, axis=1), DEVIATION, atol=1e-6)
+        np.testing.assert_allclose(recording.static[f"/world/corner/{corner}/vertex"]["Points3D:positions"][0], vertex, atol=1e-6)
+        np.testing.assert_allclose(
+            recording.static[f"/world/corner/{corner}/ball"]["Ellipsoids3D:half_sizes"][0], DEVIATION, atol=1e-6
+        )
+    assert len(recording.static["/world/path/planned"]["LineStrips3D:strips"][0]) == len(scene().planned_path)
+    np.testing.assert_allclose(recording.static["/world/path/right_angle"]["LineStrips3D:strips"][0], RIGHT_ANGLE_PATH, atol=1e-6)
+
+
+def test_scenario_and_summary_are_properties(recording: Recording) -> None:
+    assert recording.static["/__properties/scenario"]["json"] == [scene().scenario_json]
+    assert recording.static["/__properties/scenario"]["law"] == ["paper"]
+    assert recording.static["/__properties/summary"]["json"] == ['{"verdict": "kept"}']
+    assert recording.static["/summary"]["TextDocument:text"] == ["# Deviation kept"]
+
+
+@pytest.mark.parametrize("way", ["one chunk", "messages", "messages out of step"])
+def test_content_does_not_depend_on_the_way(recording: Recording, tmp_path: Path, way: str) -> None:
+    path = tmp_path / "run.rrd"
+    if way == "one chunk":
+        record(path, chunk=10_000)
+    else:
+        recorder = Recorder(path, scene(), chunk=100)
+        arrivals = [(frame.step, name) for frame in FRAMES for name in FRAME_MESSAGES]
+        if way == "messages out of step":  # as over the wire: in order by key, but not from key to key
+            arrivals.sort(key=lambda arrival: arrival[0] + 40 * FRAME_MESSAGES.index(arrival[1]))
+        for step, name in arrivals:
+            recorder.take_message(name, layout(name).decode(layout(name).encode(FRAMES[step], step)))
+        recorder.summary("# Deviation kept", '{"verdict": "kept"}')
+        recorder.close()
+    other = Recording(path)
+    assert other.rows.keys() == recording.rows.keys()
+    assert other.static.keys() == recording.static.keys()
+    for entity, rows in recording.rows.items():
+        if "limit" not in entity:  # their rows are the ends of chunks
+            for name, values in rows.items():
+                assert np.array_equal(other.rows[entity][name], values), (entity, name)
+
+
+def test_lost_messages_leave_the_other_rows_whole(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "run.rrd", scene(), chunk=10)
+    for frame in FRAMES[:50]:
+        for name in FRAME_MESSAGES:
+            if (name, frame.step) not in {("setpoint", 7), ("actual", 20), ("actual", 21)}:
+                recorder.take_message(name, layout(name).decode(layout(name).encode(frame, frame.step)))
+    recorder.close()
+    rows = Recording(tmp_path / "run.rrd").rows
+    assert set(range(50)) - set(rows["/joint/position/setpoint"]["step"].tolist()) == {7}
+    assert set(range(50)) - set(rows["/joint/position/actual"]["step"].tolist()) == {20, 21}
+    assert set(range(50)) - set(rows["/joint/tracking_error"]["step"].tolist()) == {7, 20, 21}
+    assert len(rows["/timing/publish"]["step"]) == 50
+
+
+def test_interrupted_run_leaves_a_readable_recording(tmp_path: Path) -> None:
+    path = record(tmp_path / "run.rrd", summary=False, recorded=FRAMES[:30])
+    verify(path)
+    assert Recording(path).static["/summary"]["TextDocument:text"] == [
+        "# A made-up operation\n\nLaw `paper`. The run ended before its summary."
+    ]
+
+
+def test_run_that_never_starts_leaves_nothing_and_overwrites_nothing(tmp_path: Path) -> None:
+    record(tmp_path / "new.rrd", recorded=[])
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "old.rrd").write_bytes(b"precious")
+    record(tmp_path / "old.rrd", recorded=[])
+    assert (tmp_path / "old.rrd").read_bytes() == b"precious"
+
+
+def test_file_that_cannot_be_written_is_an_error_before_the_run(tmp_path: Path) -> None:
+    for path in (tmp_path, tmp_path / "missing" / "run.rrd"):
+        with pytest.raises(EnvironmentProblem, match=f"cannot write {path}: "):
+            Recorder(path, scene())
+
+
+def test_file_that_becomes_impossible_is_an_error_at_the_end(tmp_path: Path) -> None:
+    (tmp_path / "directory").mkdir()
+    sink = BackgroundSink(Recorder(tmp_path / "directory" / "run.rrd", scene(), chunk=10), 100)
+    (tmp_path / "directory").rmdir()
+    for frame in FRAMES[:20]:
+        sink.take(frame)
+    with pytest.raises(EnvironmentProblem, match="cannot write"):
+        sink.close()

@@ -1,0 +1,274 @@
+"""Real sessions on loopback. The reader in another process knows Zenoh and the schema, and nothing of deltaph."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import pytest
+import zenoh
+from integration.synthetic_cell import frames, values_of
+
+from deltaph.errors import EnvironmentProblem
+from deltaph.telemetry import DEFAULT_ENDPOINT, BackgroundSink, Message, Publisher, Subscriber, layout, schema_document
+
+CELL = "test-cell"
+DEADLINE = 20.0  # [s]
+
+FOREIGN_READER = """
+import json, struct, sys, threading
+import zenoh
+
+endpoint, root = sys.argv[1:]
+config = zenoh.Config()
+config.insert_json5("mode", '"client"')
+config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+config.insert_json5("scouting/multicast/enabled", "false")
+samples, ended = [], threading.Event()
+
+def on_sample(sample):
+    samples.append(sample)
+    if str(sample.key_expr).endswith("/summary"):
+        ended.set()
+
+gone = threading.Event()
+with zenoh.open(config) as session:
+    schema = json.loads(next(iter(session.get(root + "/schema"))).ok.payload.to_bytes())["messages"]
+    session.liveliness().declare_subscriber(root, lambda s: s.kind == zenoh.SampleKind.DELETE and gone.set(), history=True)
+    session.declare_subscriber(root + "/*", on_sample)
+    complete = ended.wait(20) and gone.wait(20)
+
+FORMATS = {"uint64": "<Q", "float64": "<d", "int32": "<i"}
+messages = {}
+for sample in samples:
+    key, payload = str(sample.key_expr).rpartition("/")[2], sample.payload.to_bytes()
+    if key in schema:
+        layout = schema[key]
+        assert len(payload) == layout["size"] and payload[:4].hex(" ") == layout["header"], key
+        assert str(sample.encoding) == layout["encoding"], str(sample.encoding)
+        values = {f["name"]: struct.unpack_from(FORMATS[f["type"]], payload, f["offset"])[0] for f in layout["fields"]}
+        messages.setdefault(key, []).append(values)
+print(json.dumps({"complete": bool(complete), "messages": messages}))
+"""
+
+CELL_PROCESS = """
+import sys
+from deltaph.telemetry import Publisher
+from integration.synthetic_cell import frames
+publisher = Publisher(sys.argv[1], "{}", listen=[sys.argv[2]])
+publisher.wait_for_subscribers(1, 20.0)
+for frame in frames(10):
+    publisher.take(frame)
+print("published", flush=True)
+sys.stdin.read()
+"""
+
+
+def free_endpoint() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+@contextmanager
+def cell(scenario: str = '{"title": "a test"}') -> Iterator[Publisher]:
+    publisher = Publisher(CELL, scenario, listen=[free_endpoint()])
+    try:
+        yield publisher
+    finally:
+        publisher.close()
+
+
+@contextmanager
+def following(publisher: Publisher) -> Iterator[tuple[Subscriber, Callable[[], list[Message]]]]:
+    """A subscriber that reads in a thread, and a function that waits for its end and gives what it read."""
+    messages: list[Message] = []
+    with Subscriber(CELL, publisher.endpoints, timeout=DEADLINE) as subscriber:
+        subscriber.wait_for_cell(DEADLINE)
+        reader = threading.Thread(target=lambda: messages.extend(subscriber.messages()), daemon=True)
+        reader.start()
+        publisher.wait_for_subscribers(1, DEADLINE)
+
+        def read() -> list[Message]:
+            reader.join(DEADLINE)
+            assert not reader.is_alive()
+            return messages
+
+        yield subscriber, read
+
+
+def test_foreign_reader_decodes_every_message_at_1_khz() -> None:
+    offered = frames(1000)
+    with cell() as publisher:
+        command = [sys.executable, "-c", FOREIGN_READER, publisher.endpoints[0], f"deltaph/{CELL}"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as reader:
+            publisher.wait_for_subscribers(1, DEADLINE)
+            sink = BackgroundSink(publisher, capacity=len(offered))
+            begin = time.perf_counter()
+            for frame in offered:
+                time.sleep(max(0.0, begin + frame.time - time.perf_counter()))
+                sink.take(frame)
+            sink.drain()
+            publisher.set_summary("{}")
+            sink.close()
+            output, _ = reader.communicate(timeout=DEADLINE)
+    assert reader.returncode == 0
+    read = json.loads(output)
+    assert read["complete"], "the token's end or the summary did not come"
+    assert (publisher.published, sink.dropped) == (len(offered), 0)
+    for name in ("setpoint", "actual", "timing"):
+        assert read["messages"][name] == [{"sequence": frame.step, **values_of(frame)[name]} for frame in offered]
+    assert read["messages"]["plan"] == [{"sequence": 0, **values_of(offered[0])["plan"]}]
+
+
+def test_subscriber_gets_messages_documents_and_the_end() -> None:
+    offered = frames(20)
+    with cell() as publisher, following(publisher) as (subscriber, read):
+        assert subscriber.ask("scenario") == {"title": "a test"}
+        assert subscriber.ask("schema") == schema_document()
+        with pytest.raises(EnvironmentProblem, match="there is no summary yet"):
+            subscriber.ask("summary")
+        for frame in offered:
+            publisher.take(frame)
+        publisher.set_summary('{"verdict": "kept"}')
+        assert subscriber.ask("summary") == {"verdict": "kept"}
+        publisher.close()
+        messages = read()
+        assert subscriber.summary == {"verdict": "kept"}
+        assert subscriber.received == {"setpoint": 20, "actual": 20, "timing": 20, "plan": 1}
+        assert set(subscriber.missing.values()) == {0}
+    for name in ("setpoint", "actual", "timing"):
+        records = [message.record for message in messages if message.name == name]
+        assert [layout(name).as_dict(record) for record in records] == [
+            {"sequence": frame.step, **values_of(frame)[name]} for frame in offered
+        ]
+
+
+def test_plan_is_published_when_one_is_decided_and_kept_for_newcomers() -> None:
+    offered = frames(6)
+    decisions = [(0, 0), (1, 0), (1, 0), (1, 2), (2, 2), (2, 2)]  # count and refused: three changes
+    names = [field.name for field in layout("plan").fields if field.type == "int32"]
+    for frame, (count, refused) in zip(offered, decisions, strict=True):
+        integers = frame.planner_integers
+        integers[1 + names.index("plan.count")], integers[1 + names.index("plan.refused")] = count, refused
+    with cell() as publisher, following(publisher) as (subscriber, read):
+        with pytest.raises(EnvironmentProblem, match="there is no plan yet"):
+            subscriber.ask("plan")
+        for frame in offered:
+            publisher.take(frame)
+        last = layout("plan").encode(offered[4], sequence=2)
+        assert subscriber.ask("plan").tobytes() == last
+        publisher.close()
+        plans = [message.record for message in read() if message.name == "plan"]
+    assert [(r["sequence"], r["time"], r["plan.count"], r["plan.refused"]) for r in plans] == [
+        (0, offered[1].time, 1, 0),
+        (1, offered[3].time, 1, 2),
+        (2, offered[4].time, 2, 2),
+    ]
+    assert plans[-1].tobytes() == last
+
+
+def test_lost_frames_show_as_gaps() -> None:
+    offered = frames(10)
+    with cell() as publisher, following(publisher) as (subscriber, read):
+        for frame in (*offered[:3], *offered[5:8], offered[9]):
+            publisher.take(frame)
+        publisher.close()
+        read()
+        assert subscriber.missing == {"setpoint": 3, "actual": 3, "timing": 3, "plan": 0}
+
+
+def test_killed_cell_ends_the_messages() -> None:
+    endpoint = free_endpoint()
+    with subprocess.Popen(
+        [sys.executable, "-P", "-c", CELL_PROCESS, CELL, endpoint],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    ) as process:
+        messages: list[Message] = []
+        with Subscriber(CELL, [endpoint], timeout=DEADLINE) as subscriber:
+            subscriber.wait_for_cell(DEADLINE)
+            reader = threading.Thread(target=lambda: messages.extend(subscriber.messages()), daemon=True)
+            reader.start()
+            assert process.stdout is not None
+            assert process.stdout.readline() == b"published\n"
+            process.send_signal(signal.SIGKILL)
+            reader.join(DEADLINE)
+            assert not reader.is_alive()
+            assert subscriber.summary is None
+
+
+def test_endpoint_that_was_asked_for_and_is_taken_is_an_error() -> None:
+    with cell() as publisher, pytest.raises(EnvironmentProblem) as problem:
+        Publisher(CELL, "{}", listen=publisher.endpoints)
+    assert str(problem.value) == f"cannot listen on {publisher.endpoints[0]}: address already in use"
+
+
+def test_default_endpoint_that_is_taken_gives_way_to_a_free_port() -> None:
+    first = Publisher(CELL, "{}")  # on the default endpoint, unless a cell of somebody else is there already
+    second = Publisher("another", "{}")
+    try:
+        (endpoint,) = second.endpoints
+        assert endpoint != DEFAULT_ENDPOINT
+        assert endpoint.startswith("tcp/127.0.0.1:")
+        with Subscriber("another", second.endpoints, timeout=DEADLINE) as subscriber:
+            subscriber.wait_for_cell(DEADLINE)
+    finally:
+        first.close()
+        second.close()
+
+
+@pytest.mark.parametrize("endpoint", ["nonsense", "tpc/127.0.0.1:7447", "tcp/"])
+def test_what_is_no_endpoint_is_named(endpoint: str) -> None:
+    with pytest.raises(EnvironmentProblem, match=f"'{endpoint}' is not a Zenoh endpoint: write it like tcp/"):
+        Publisher(CELL, "{}", connect=[endpoint])
+    with pytest.raises(EnvironmentProblem, match="is not a Zenoh endpoint"):
+        Subscriber(CELL, [endpoint])
+
+
+def test_subscribers_are_counted_whatever_they_subscribe_to() -> None:
+    with cell() as publisher:
+        with pytest.raises(EnvironmentProblem, match=r"0 of 1 Zenoh subscribers came within 0\.05 s"):
+            publisher.wait_for_subscribers(1, 0.05)
+        config = zenoh.Config()
+        config.insert_json5("mode", '"client"')
+        config.insert_json5("connect/endpoints", json.dumps(publisher.endpoints))
+        config.insert_json5("scouting/multicast/enabled", "false")
+        with zenoh.open(config) as connected, zenoh.open(config) as other:
+            connected.declare_subscriber("deltaph/another/setpoint", lambda _: None)
+            assert publisher.subscribers() == 0
+            connected.declare_subscriber("deltaph/**", lambda _: None)
+            publisher.wait_for_subscribers(1, DEADLINE)
+            assert publisher.subscribers() == 1
+            other.declare_subscriber(f"deltaph/{CELL}/timing", lambda _: None)
+            publisher.wait_for_subscribers(2, DEADLINE)
+            assert publisher.subscribers() == 2
+
+
+def test_nobody_there_is_said_in_time() -> None:
+    endpoint = free_endpoint()
+    with pytest.raises(EnvironmentProblem, match=f"nothing answers on {endpoint} within"):
+        Subscriber(CELL, [endpoint], timeout=0.2)
+    with (
+        cell() as publisher,
+        Subscriber("missing", publisher.endpoints, timeout=DEADLINE) as subscriber,
+        pytest.raises(EnvironmentProblem, match=r"cell missing did not appear within 0\.2 s"),
+    ):
+        subscriber.wait_for_cell(0.2)
+
+
+def test_messages_of_another_version_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deltaph.telemetry.publisher.schema_document", lambda: {"messages": {}})
+    with (
+        cell() as publisher,
+        Subscriber(CELL, publisher.endpoints, timeout=DEADLINE) as subscriber,
+        pytest.raises(EnvironmentProblem, match="not this version's"),
+    ):
+        subscriber.wait_for_cell(DEADLINE)
