@@ -8,8 +8,9 @@
 enum { INTERVALS = 48 };
 static const int least_intervals[3] = {3, 10, 3};
 
-/* A segment shorter than this, by the path parameter, has no knots of its own. */
-static const double shortest = 1e-5;
+/* Half of a straight traverse that is shorter than this, by the path parameter, has no knots of its own: as good as no segment, and
+ * second differences over it would be rounding errors. One shorter than `one_interval` has a single interval. */
+static const double shortest = 1e-6, one_interval = 1e-3;
 
 /* Share of the bounds that the start keeps away from. */
 static const double reserve = 0.9;
@@ -138,14 +139,16 @@ static void lay_knots(const dph_plan *plan, dph_workspace *w)
     w->knot[0] = 0.0;
     for (int segment = 0; segment < SEGMENTS; ++segment) {
         double to = end[segment + 1];
-        if (segment < SEGMENTS - 1 && to - begin < shortest)
+        int straight = segment == 2 || segment == 3;
+        if (straight && to - begin < shortest)
             continue; /* the next one begins where this one would */
         double low = share_at(share, begin), high = share_at(share, to);
         int least = least_intervals[segment < 3 ? segment : 5 - segment], n = (int)(INTERVALS * (high - low) + 0.5);
-        n = n > least ? n : least;
+        n = straight && to - begin < one_interval ? 1 : n > least ? n : least;
         int room = DPH_PIECES - w->intervals - (SEGMENTS - 1 - segment) * 10;
         n = n < room ? n : room;
         for (int i = 1; i <= n; ++i) {
+            w->inner[w->intervals] = i == 1 ? end[segment] : w->knot[w->intervals];
             w->segment[w->intervals++] = segment;
             w->knot[w->intervals] = i == n ? to : share_inverse(share, low + (high - low) * i / n);
         }
@@ -171,7 +174,10 @@ static void lay_nodes(const dph_plan *plan, dph_workspace *w)
         double width = w->knot[k + 1] - w->knot[k];
         int last = k + 1 == w->intervals;
         for (int i = 0; i <= DPH_FINE; ++i)
-            dph_path_point_at(plan, &w->bounds, w->segment[k], i == DPH_FINE ? w->knot[k + 1] : w->knot[k] + width * i / DPH_FINE,
+            dph_path_point_at(plan, &w->bounds, w->segment[k],
+                              i == 0          ? w->inner[k]
+                              : i == DPH_FINE ? w->knot[k + 1]
+                                              : w->knot[k] + width * i / DPH_FINE,
                               &w->point[k][i]);
         for (int i = 0; i < 3; ++i)
             w->tighten[k][i] = 1.0;

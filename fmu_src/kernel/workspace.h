@@ -48,6 +48,7 @@ struct dph_workspace {
     int intervals;
     int segment[DPH_PIECES];
     double knot[DPH_PIECES + 1];
+    double inner[DPH_PIECES];                        /* where an interval's first point is seen: its knot, but inside its segment */
     double b[DPH_PIECES + 1], slope[DPH_PIECES + 1]; /* unknowns at the knots */
     double unit;                                     /* of time: duration of the start [s] */
     double basis[DPH_NODES][3][4];
