@@ -10,7 +10,7 @@ static const int least_intervals[3] = {3, 10, 3};
 
 /* Half of a straight traverse that is shorter than this, by the path parameter, has no knots of its own: as good as no segment, and
  * second differences over it would be rounding errors. One shorter than `one_interval` has a single interval. */
-static const double shortest = 1e-6, one_interval = 1e-3;
+static const double shortest = 1e-8, one_interval = 1e-3;
 
 /* Share of the bounds that the start keeps away from. */
 static const double reserve = 0.9;
