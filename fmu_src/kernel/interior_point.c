@@ -13,6 +13,9 @@
 /* Share of the way to the boundary that a step goes. */
 static const double to_the_boundary = 0.98;
 
+/* A duration that still shrinks by this share: from a poor start the gap may close before the optimum is near. Then it is opened again. */
+static const double still_moving = 0.01;
+
 /* Iterations at the beginning that use the convex part of the Hessian only. */
 enum { CONVEX_ITERATIONS = 8 };
 
@@ -267,13 +270,18 @@ static void centre(dph_workspace *w, double mu)
 int dph_interior_point(dph_workspace *w, int iterations, double first_gap, double tolerance)
 {
     int terms, unknowns = 2 * (w->intervals + 1);
-    double duration, reduction = 0.5;
+    double duration, before = HUGE_VAL, reduction = 0.5;
     (void)measure(w, &terms, &duration);
     centre(w, first_gap * duration / terms);
     for (int iteration = 0; iteration < iterations; ++iteration) {
         double gap = measure(w, &terms, &duration);
-        if (gap < tolerance * duration)
-            return 1;
+        if (gap < tolerance * duration) {
+            if (before - duration < still_moving * duration)
+                return 1;
+            centre(w, first_gap * duration / terms);
+            gap = first_gap * duration;
+        }
+        before = duration;
         double mu = reduction * gap / terms, length[2];
         assemble(w, iteration < CONVEX_ITERATIONS);
         if (!factorize(w)) {

@@ -155,6 +155,30 @@ static void keep(const dph_workspace *w, double stretch, dph_plan *plan)
     }
 }
 
+/* A motion that keeps all limits once it is stretched, and its duration then [s]. */
+typedef struct Motion {
+    double b[DPH_PIECES + 1], slope[DPH_PIECES + 1], stretch, duration;
+} Motion;
+
+/* Verify what the solver holds and keep it if it is the shortest motion so far. Returned: its stretch; 0 where it is none. */
+static double remember(dph_workspace *w, Motion *best)
+{
+    double stretch = stretch_of(w), duration = 0.0;
+    for (int k = 0; k < w->intervals; ++k) {
+        double width = w->knot[k + 1] - w->knot[k];
+        Cubic cubic = {{w->b[k], w->b[k + 1]}, {width * w->slope[k], width * w->slope[k + 1]}};
+        for (int j = 0; j < DPH_NODES; ++j)
+            duration += stretch * w->unit * w->node[k][j].weight * slowness(0.25 * j, &cubic);
+    }
+    if (stretch > 0.0 && duration < best->duration) {
+        memcpy(best->b, w->b, sizeof best->b);
+        memcpy(best->slope, w->slope, sizeof best->slope);
+        best->stretch = stretch;
+        best->duration = duration;
+    }
+    return stretch;
+}
+
 dph_verdict dph_time_optimal_make(dph_workspace *w, dph_plan *plan)
 {
     dph_verdict verdict = dph_path_make(plan);
@@ -168,24 +192,25 @@ dph_verdict dph_time_optimal_make(dph_workspace *w, dph_plan *plan)
         return verdict;
     dph_profile_make(plan, w);
 
-    double start[2][DPH_PIECES + 1];
-    size_t size = (size_t)(w->intervals + 1) * sizeof *w->b;
-    memcpy(start[0], w->b, size);
-    memcpy(start[1], w->slope, size);
+    /* The start is a motion too, and so is every result; kept is the shortest one. */
+    Motion best = {.duration = HUGE_VAL};
+    (void)remember(w, &best);
     (void)dph_interior_point(w, FIRST_ITERATIONS, first_gap, tolerance);
-    double stretch = stretch_of(w);
-    for (int repair = 0; repair < REPAIRS && stretch > enough; ++repair) {
+    double stretch = remember(w, &best);
+    for (int repair = 0; repair < REPAIRS && (stretch > enough || !(stretch > 0.0)); ++repair) {
+        if (!(stretch > 0.0)) { /* between the nodes b is not positive: start anew from the best one */
+            memcpy(w->b, best.b, sizeof best.b);
+            memcpy(w->slope, best.slope, sizeof best.slope);
+            (void)stretch_of(w);
+        }
         tighten(w);
         if (dph_profile_fit(w) < HUGE_VAL)
             (void)dph_interior_point(w, REPAIR_ITERATIONS, repair_gap, tolerance);
-        stretch = stretch_of(w);
+        stretch = remember(w, &best);
     }
-    if (!(stretch > 0.0)) { /* the solver failed: its start is a motion too */
-        memcpy(w->b, start[0], size);
-        memcpy(w->slope, start[1], size);
-        stretch = stretch_of(w);
-    }
-    keep(w, stretch * unseen, plan);
+    memcpy(w->b, best.b, sizeof best.b);
+    memcpy(w->slope, best.slope, sizeof best.slope);
+    keep(w, best.stretch * unseen, plan);
     return dph_accept();
 }
 

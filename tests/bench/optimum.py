@@ -33,7 +33,7 @@ CONVERGED = {
     "time_optimal.c": [
         ("tolerance = 3e-3", "tolerance = 1e-5"),
         ("FIRST_ITERATIONS = 25, REPAIRS = 2", "FIRST_ITERATIONS = 60, REPAIRS = 0"),
-        ("keep(w, stretch * unseen, plan)", "keep(w, 1.0, plan)"),
+        ("keep(w, best.stretch * unseen, plan)", "keep(w, 1.0, plan)"),
     ],
 }
 
