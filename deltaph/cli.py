@@ -78,7 +78,8 @@ def plan(
     csv: CsvOption = None,
     sample_ms: Annotated[float, typer.Option("--sample-ms", metavar="MS", help="time between the rows of --csv")] = 1.0,
     plot: Annotated[
-        Path | None, typer.Option("--plot", metavar="FILE.png", help="draw path, tcp speed, joint angles, velocities, torques")
+        Path | None,
+        typer.Option("--plot", metavar="FILE.png", help="draw path, speeds, accelerations, jerks, torques"),
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -217,6 +218,15 @@ def view(file: Annotated[Path, typer.Argument(metavar="FILE.rrd", help="recordin
     if viewer is None:
         raise EnvironmentProblem("the Rerun viewer is missing: install rerun-sdk again")
     raise typer.Exit(subprocess.run([viewer, str(file), "--bind", "127.0.0.1"], check=False).returncode)
+
+
+@app.command()
+def bench() -> None:
+    """The benchmarks of the README: planning, stepping, co-simulating the paper's case, and the peers that are installed."""
+    from deltaph.bench import run_benchmarks
+    from deltaph.scenario import parse_scenario, template
+
+    run_benchmarks(parse_scenario(template(), Path("paper.toml")), Console(highlight=False))
 
 
 INTERRUPTED = 130  # 128 + SIGINT, as shells have it

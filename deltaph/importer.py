@@ -18,7 +18,7 @@ import numpy as np
 from deltaph.fmu.terminals import JOINTS, MEMBERS
 from deltaph.frame import TIMING, Frame
 from deltaph.plan import Plan
-from deltaph.scenario import Fault, Scenario, Task
+from deltaph.scenario import Fault, Limits, Scenario, Task
 from deltaph.slave import Slave
 from deltaph.variables import Model, variable_table
 
@@ -77,7 +77,7 @@ def schedule(scenario: Scenario, cycles: int | None = None) -> Schedule:
     there = Plan.of(scenario)
     plans = [there]
     if cycles is not None:
-        plans = [there, Plan(scenario.robot, scenario.task.reversed(), scenario.law, scenario.declared_payload)] * cycles
+        plans = [there, Plan(scenario.robot, scenario.task.reversed(), scenario.law, scenario.declared_payload, scenario.limits)] * cycles
     step = scenario.communication_step_ms
     operations: list[Operation] = []
     begins = [0, *np.cumsum([plan.duration_ms for plan in plans]).tolist()]
@@ -101,12 +101,27 @@ def task_inputs(task: Task) -> dict[str, float]:
     }
 
 
+NO_LIMIT = 1e30
+"""How the planner FMU is told that there is no limit: FMI parameters are finite in every tool."""
+
+
+def limit_values(limits: Limits) -> dict[str, float]:
+    """The planner parameters that say the limits."""
+    joints = {
+        f"limit.joint[{i}].{quantity}": value
+        for quantity in ("velocity", "acceleration", "jerk", "torque")
+        for i, value in enumerate(getattr(limits, f"joint_{quantity}"), 1)
+    }
+    return {name: min(value, NO_LIMIT) for name, value in (joints | {"limit.tcp_speed": limits.tcp_speed}).items()}
+
+
 def planner_values(scenario: Scenario) -> dict[str, float]:
     """Parameters and first inputs of the planner."""
     law = scenario.law
     return (
         scenario.robot.parameters
         | task_inputs(scenario.task)
+        | limit_values(scenario.limits)
         | {
             "law": variable_table("planner").items("Law").index(law.name),
             "speed.corner_entry": law.corner_entry_speed,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -83,14 +84,32 @@ class Violation:
     unit: str
 
 
+_local = threading.local()
+
+
+def _workspace() -> Any:
+    """This thread's scratch memory for the kernel."""
+    if not hasattr(_local, "memory"):
+        _local.memory = ffi.new("double[]", -(-lib.dph_workspace_size() // 8))
+    return ffi.cast("dph_workspace *", _local.memory)
+
+
 class Plan:
     """A planned pick-and-place operation on the aligned clock.
+
+    Args:
+        robot: the robot.
+        task: what to do.
+        law: how to move.
+        payload: mass [kg].
+        limits: what `paper_limited` and `time_optimal` keep; the other laws have speeds instead.
 
     Raises:
         InfeasibleError: the kernel refuses the task.
     """
 
-    def __init__(self, robot: Robot, task: Task, law: Law, payload: float = 0.0) -> None:
+    def __init__(self, robot: Robot, task: Task, law: Law, payload: float = 0.0, limits: Limits | None = None) -> None:
+        limits = limits or Limits.of_drives()
         request = ffi.new(
             "dph_task *",
             {
@@ -104,10 +123,11 @@ class Plan:
                 "corner_mid_speed": law.corner_mid_speed,
                 "traverse_speed": law.traverse_speed,
                 "overlap": law.overlap,
+                "limits": {field: getattr(limits, field) for field in Limits.__dataclass_fields__},
             },
         )
         self._struct = ffi.new("dph_plan *")
-        raise_refusal(lib.dph_plan_make(robot.struct, request, self._struct))
+        raise_refusal(lib.dph_plan_make(robot.struct, request, _workspace(), self._struct))
         self.robot = robot
         self.task = task
         self.law = law
@@ -116,7 +136,7 @@ class Plan:
     @classmethod
     def of(cls, scenario: Scenario) -> Plan:
         """The plan of a scenario."""
-        return cls(scenario.robot, scenario.task, scenario.law, scenario.declared_payload)
+        return cls(scenario.robot, scenario.task, scenario.law, scenario.declared_payload, scenario.limits)
 
     @property
     def duration(self) -> float:
@@ -164,15 +184,22 @@ class Plan:
             strokes = (("lift", 0, 2, self.task.lift[0]), ("traverse", 1, 4, plan.traverse), ("lower", 3, 5, self.task.lift[1]))
             return tuple(Phase(n, float(times[a]), float(times[b] - times[a]), length) for n, a, b, length in strokes)
         names = enumeration("dph_phase")
+        begins = [i for i in range(plan.pieces) if i == 0 or plan.phase[i] != plan.phase[i - 1]]
         return tuple(
             Phase(
                 names[plan.phase[i]],
                 float(times[i]),
-                float(times[i + 1] - times[i]),
-                plan.arc_boundary[i + 1] - plan.arc_boundary[i],
+                float(times[end] - times[i]),
+                plan.arc_boundary[end] - plan.arc_boundary[i],
             )
-            for i in range(plan.pieces)
+            for i, end in zip(begins, [*begins[1:], plan.pieces], strict=True)
         )
+
+    @property
+    def speeds(self) -> tuple[float, float, float]:
+        """Of the paper's law: V_B, V_N, V_max on the nominal clock, given or found [m/s]."""
+        task = self._struct.task
+        return task.corner_entry_speed, task.corner_mid_speed, task.traverse_speed
 
     @cached_property
     def peaks(self) -> Peaks:

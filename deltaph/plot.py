@@ -1,4 +1,4 @@
-"""`deltaph plan --plot`: path, tcp speed, joint angles, velocities and torques, as the paper's figures 4 to 7 show them."""
+"""`deltaph plan --plot`: path, tcp speed, and velocity, acceleration, jerk and torque of the joints against their limits."""
 
 from __future__ import annotations
 
@@ -83,9 +83,9 @@ def draw_plan(plan: Plan, limits: Limits, title: str, path: Path) -> None:
     time = plan.grid(0.25)
     s = plan.sample(time)
     ms = 1e3 * time
-    figure = Figure(figsize=(13, 9), layout="constrained")
+    figure = Figure(figsize=(13, 12), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(3, 2)
+    axes = figure.subplots(4, 2)
     _draw_path(axes[0, 0], plan, s["tcp_position"], corner=False)
     _draw_path(axes[0, 1], plan, s["tcp_position"], corner=True)
 
@@ -98,9 +98,11 @@ def draw_plan(plan: Plan, limits: Limits, title: str, path: Path) -> None:
     speed.legend(fontsize="small", ncols=2)
 
     _draw_joints(axes[1, 1], ms, np.degrees(s["joint_position"]), "joint position [deg]", None)
-    _draw_joints(axes[2, 0], ms, s["joint_velocity"], "joint velocity [rad/s]", limits.joint_velocity)
-    _draw_joints(axes[2, 1], ms, s["joint_torque"], "joint torque [N m]", limits.joint_torque)
-    for row in (1, 2):
+    rows = (("velocity", "rad/s"), ("acceleration", "rad/s2"), ("jerk", "rad/s3"), ("torque", "N m"))
+    for axis, (quantity, unit) in zip(axes[2:].flat, rows, strict=True):
+        name = f"joint_{quantity}"
+        _draw_joints(axis, ms, s[name], f"joint {quantity} [{unit}]", getattr(limits, name))
+    for row in (1, 2, 3):
         for column in (0, 1):
             for phase in plan.phases:
                 axes[row, column].axvline(1e3 * phase.start, color="0.85", lw=0.8, zorder=0)

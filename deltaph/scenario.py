@@ -10,6 +10,7 @@ import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Self, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -80,7 +81,7 @@ class Limits:
     tcp_speed: float
 
     @classmethod
-    def of_drives(cls, parameters: Mapping[str, float]) -> Self:
+    def of_drives(cls, parameters: Mapping[str, float] = MappingProxyType({})) -> Self:
         """What motor and gear allow, with some plant parameters set: greatest speed, and peak torque after gear loss."""
         table = variable_table("plant")
         names = ("gear_ratio", "gear_efficiency", "speed_max", "torque_max")

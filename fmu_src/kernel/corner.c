@@ -33,6 +33,37 @@ double dph_corner_sigma(const dph_corner *corner, double gamma)
     return u * u + v * v;
 }
 
+/* Arc length from the corner's start. */
+static double length_at(const dph_corner *corner, double gamma)
+{
+    double a = corner->u0, b = corner->u2, r = 1.0 - gamma;
+    double g3 = gamma * gamma * gamma, g5 = g3 * gamma * gamma;
+    return a * a * (1.0 - r * r * r * r * r) / 5.0 + 2.0 * a * b * (g3 / 3.0 - g3 * gamma / 2.0 + g5 / 5.0) + 2.0 * b * b * g5 / 5.0;
+}
+
+double dph_corner_gamma(const dph_corner *corner, double length)
+{
+    if (!(length > 0.0))
+        return 0.0;
+    if (!(length < corner->length))
+        return 1.0;
+    /* Newton's method within a shrinking bracket: the length increases. A step below 1e-9 leaves an error of about its square. */
+    double low = 0.0, high = 1.0, gamma = length / corner->length;
+    for (int i = 0; i < 60; ++i) {
+        double residual = length_at(corner, gamma) - length;
+        if (residual > 0.0)
+            high = gamma;
+        else
+            low = gamma;
+        double step = -residual / dph_corner_sigma(corner, gamma);
+        double next = gamma + step;
+        gamma = next >= low && next <= high ? next : 0.5 * (low + high);
+        if (fabs(step) < 1e-9)
+            break;
+    }
+    return gamma;
+}
+
 void dph_corner_at(const dph_corner *corner, double gamma, dph_corner_point *point)
 {
     double a = corner->u0, b = corner->u2, r = 1.0 - gamma;

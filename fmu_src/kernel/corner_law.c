@@ -107,17 +107,21 @@ double dph_corner_law_gamma(const dph_corner_law *law, double time)
 
 void dph_corner_law_motion(const dph_corner_law *law, double gamma, double motion[4][2], double *length)
 {
-    dph_corner_point point;
-    dph_corner_at(&law->corner, gamma, &point);
-
     double dip = law->entry_speed - law->mid_speed;
     double s = gamma * (1.0 - gamma), s1 = 1.0 - 2.0 * gamma;
-    double v = dph_corner_speed(law, gamma), v1 = -32.0 * dip * s * s1, v2 = -32.0 * dip * (s1 * s1 - 2.0 * s);
+    const double speed[3] = {dph_corner_speed(law, gamma), -32.0 * dip * s * s1, -32.0 * dip * (s1 * s1 - 2.0 * s)};
+    dph_corner_motion(&law->corner, gamma, speed, motion, length);
+}
+
+void dph_corner_motion(const dph_corner *corner, double gamma, const double speed[3], double motion[4][2], double *length)
+{
+    dph_corner_point point;
+    dph_corner_at(corner, gamma, &point);
 
     /* g = v / sigma = dgamma/dt (eq. (17)) and its derivatives by gamma, from v = g sigma. */
-    double g = v / point.sigma[0];
-    double g1 = (v1 - g * point.sigma[1]) / point.sigma[0];
-    double g2 = (v2 - 2.0 * g1 * point.sigma[1] - g * point.sigma[2]) / point.sigma[0];
+    double g = speed[0] / point.sigma[0];
+    double g1 = (speed[1] - g * point.sigma[1]) / point.sigma[0];
+    double g2 = (speed[2] - 2.0 * g1 * point.sigma[1] - g * point.sigma[2]) / point.sigma[0];
 
     /* Time derivatives of gamma, then of the position by the chain rule. */
     double d1 = g, d2 = g1 * g, d3 = g2 * g * g + g1 * g1 * g;

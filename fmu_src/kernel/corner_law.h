@@ -10,10 +10,16 @@ double dph_corner_leg(double deviation);
 /* Parametric speed sigma = u^2 + v^2 [m], eq. (18). */
 double dph_corner_sigma(const dph_corner *corner, double gamma);
 
+/* The curve parameter at an arc length [m] from the corner's start. */
+double dph_corner_gamma(const dph_corner *corner, double length);
+
 /* Path speed v(gamma) [m/s], eq. (16). */
 double dph_corner_speed(const dph_corner_law *law, double gamma);
 
 /* Position, velocity, acceleration, jerk in the corner's plane, [order][x, y], and arc length from the corner's start [m]. */
 void dph_corner_law_motion(const dph_corner_law *law, double gamma, double motion[4][2], double *length);
+
+/* The same for any path speed, given with its derivatives by gamma; {1, 0, 0} gives derivatives by arc length. */
+void dph_corner_motion(const dph_corner *corner, double gamma, const double speed[3], double motion[4][2], double *length);
 
 #endif

@@ -17,10 +17,26 @@ typedef struct dph_arm {
     double elbow[3], elbow_d[3], elbow_dd[3]; /* E, E' = -La (u sin + k cos), E'' = -La (u cos - k sin) [m] */
 } dph_arm;
 
-static inline void arm_at(const dph_robot *robot, int i, double theta, dph_arm *arm)
+/* The three arms at one point, without the angles themselves: joint i is at atan2(direction[i][1], direction[i][0]). */
+typedef struct dph_pose {
+    dph_arm arm[3];
+    double s[3][3];         /* forearm vectors [m] */
+    double direction[3][2]; /* along cosine and sine of theta, not of unit length */
+} dph_pose;
+
+/* The pose at a point (3) [m]. Fails: as dph_inverse_kinematics. Cost: nine square roots, three divisions; no trigonometric function. */
+dph_verdict dph_pose_at(const dph_robot *robot, const double point[3], dph_pose *pose);
+
+/* As dph_dexterity, dph_joint_motion and dph_inverse_dynamics, from a pose: no trigonometric function. */
+double dph_pose_dexterity(const dph_robot *robot, const dph_pose *pose);
+void dph_pose_motion(const dph_pose *pose, const double velocity[3], const double acceleration[3], const double jerk[3],
+                     double joint_velocity[3], double joint_acceleration[3], double joint_jerk[3]);
+void dph_pose_dynamics(const dph_robot *robot, const dph_pose *pose, double payload, dph_motion *motion);
+
+static inline void arm_along(const dph_robot *robot, int i, double cosine, double sine, dph_arm *arm)
 {
     const double *u = arm_direction[i];
-    double across = robot->upper_arm_length * cos(theta), down = robot->upper_arm_length * sin(theta);
+    double across = robot->upper_arm_length * cosine, down = robot->upper_arm_length * sine;
     double out = robot->base_radius + across;
     for (int k = 0; k < 2; ++k) {
         arm->elbow[k] = out * u[k];
@@ -30,6 +46,11 @@ static inline void arm_at(const dph_robot *robot, int i, double theta, dph_arm *
     arm->elbow[2] = -down;
     arm->elbow_d[2] = -across;
     arm->elbow_dd[2] = down;
+}
+
+static inline void arm_at(const dph_robot *robot, int i, double theta, dph_arm *arm)
+{
+    arm_along(robot, i, cos(theta), sin(theta), arm);
 }
 
 /* Forearm vector s = p + r u - E. */

@@ -7,6 +7,7 @@
  * which makes M constant but for the coupling of arm and platform. No part of it is lumped to elbow and platform.
  *   M q'' + h + J^T lambda = (tau, force) */
 #include <math.h>
+#include <string.h>
 
 #include "delta_arms.h"
 
@@ -51,29 +52,39 @@ static void multipliers(const dph_inverse *inverse, const double platform_force[
         lambda[i] = -dot(inverse->column[i], platform_force);
 }
 
-void dph_inverse_dynamics(const dph_robot *robot, double payload, dph_motion *motion)
+void dph_pose_dynamics(const dph_robot *robot, const dph_pose *pose, double payload, dph_motion *motion)
 {
     Inertia m = inertia_of(robot, payload);
-    dph_arm arm[3];
     dph_inverse inverse;
     double s[3][3], force[3];
 
     platform_load(&m, motion, force);
     for (int i = 0; i < 3; ++i) {
-        arm_at(robot, i, motion->theta[i], &arm[i]);
-        forearm_at(robot, i, &arm[i], motion->point, s[i]);
-        add_scaled(force, m.coupling * motion->theta_dd[i], arm[i].elbow_d);
-        add_scaled(force, m.coupling * motion->theta_d[i] * motion->theta_d[i], arm[i].elbow_dd);
+        add_scaled(force, m.coupling * motion->theta_dd[i], pose->arm[i].elbow_d);
+        add_scaled(force, m.coupling * motion->theta_d[i] * motion->theta_d[i], pose->arm[i].elbow_dd);
     }
     add_scaled(force, m.platform, motion->point_dd);
+    memcpy(s, pose->s, sizeof s);
     invert_rows(s, &inverse);
     multipliers(&inverse, force, motion->lambda);
 
     /* Gravity of the arm: E'_z = -La cos theta. */
     double arm_weight = m.arm_weight / robot->upper_arm_length;
-    for (int i = 0; i < 3; ++i)
-        motion->torque[i] = m.arm * motion->theta_dd[i] + m.coupling * dot(arm[i].elbow_d, motion->point_dd) +
-                            arm_weight * arm[i].elbow_d[2] - dot(s[i], arm[i].elbow_d) * motion->lambda[i];
+    for (int i = 0; i < 3; ++i) {
+        const double *elbow_d = pose->arm[i].elbow_d;
+        motion->torque[i] = m.arm * motion->theta_dd[i] + m.coupling * dot(elbow_d, motion->point_dd) + arm_weight * elbow_d[2] -
+                            dot(s[i], elbow_d) * motion->lambda[i];
+    }
+}
+
+void dph_inverse_dynamics(const dph_robot *robot, double payload, dph_motion *motion)
+{
+    dph_pose pose;
+    for (int i = 0; i < 3; ++i) {
+        arm_at(robot, i, motion->theta[i], &pose.arm[i]);
+        forearm_at(robot, i, &pose.arm[i], motion->point, pose.s[i]);
+    }
+    dph_pose_dynamics(robot, &pose, payload, motion);
 }
 
 /* Solve the symmetric positive definite a x = f by a = L D L^T; x replaces f. Returns 0 where a is not positive definite. */

@@ -64,15 +64,15 @@ static dph_verdict unreachable(int i, double required, double available)
 
 /* One joint. In the plane of arm i the platform joint lies x outwards of the shoulder and z above it, y beside the plane. The
  * closure x cos - z sin = K := (x^2 + z^2 + La^2 + y^2 - l^2) / (2 La) has two solutions; with the minus branch, the smaller angle,
- * the elbow is outwards. */
-static dph_verdict joint_angle(const dph_robot *robot, int i, const double point[3], double *theta)
+ * the elbow is outwards. Returned: cosine and sine of the angle, both times x^2 + z^2, which is `plane2`. */
+static dph_verdict upper_arm(const dph_robot *robot, int i, const double point[3], double direction[2], double *plane2)
 {
     const double *u = arm_direction[i];
     double upper = robot->upper_arm_length, forearm = robot->forearm_length;
     double x = point[0] * u[0] + point[1] * u[1] + robot->platform_radius - robot->base_radius;
     double y = point[1] * u[0] - point[0] * u[1], z = point[2];
 
-    double plane2 = x * x + z * z, plane = sqrt(plane2);
+    double p2 = x * x + z * z, plane = sqrt(p2);
     if (!(fabs(y) <= forearm)) /* the forearm cannot even lean that far */
         return unreachable(i, fabs(y), forearm);
     double lean2 = (forearm - y) * (forearm + y), lean = sqrt(lean2);
@@ -81,23 +81,41 @@ static dph_verdict joint_angle(const dph_robot *robot, int i, const double point
     if (!(plane >= fabs(upper - lean)))
         return unreachable(i, plane, fabs(upper - lean));
 
-    double k = (plane2 + upper * upper - lean2) / (2.0 * upper);
-    double root2 = plane2 - k * k; /* at the bounds 0 but for rounding */
+    double k = (p2 + upper * upper - lean2) / (2.0 * upper);
+    double root2 = p2 - k * k; /* at the bounds 0 but for rounding */
     double root = root2 > 0.0 ? sqrt(root2) : 0.0;
-    *theta = atan2(-z * k - x * root, x * k - z * root); /* both times plane^2 */
+    direction[0] = x * k - z * root;
+    direction[1] = -z * k - x * root;
+    *plane2 = p2;
     return dph_accept();
 }
 
 dph_verdict dph_inverse_kinematics(const dph_robot *robot, const double point[3], double theta[3])
 {
-    double angle[3];
+    double angle[3], direction[2], plane2;
     for (int i = 0; i < 3; ++i) {
-        dph_verdict verdict = joint_angle(robot, i, point, &angle[i]);
+        dph_verdict verdict = upper_arm(robot, i, point, direction, &plane2);
         if (verdict.status != DPH_STATUS_OK)
             return verdict;
+        angle[i] = atan2(direction[1], direction[0]);
     }
     for (int i = 0; i < 3; ++i)
         theta[i] = angle[i];
+    return dph_accept();
+}
+
+dph_verdict dph_pose_at(const dph_robot *robot, const double point[3], dph_pose *pose)
+{
+    for (int i = 0; i < 3; ++i) {
+        double plane2;
+        dph_verdict verdict = upper_arm(robot, i, point, pose->direction[i], &plane2);
+        if (verdict.status != DPH_STATUS_OK)
+            return verdict;
+        /* A platform joint on its shoulder leaves the angle open: as atan2 has it, 0. */
+        double scale = plane2 > 0.0 ? 1.0 / plane2 : 0.0;
+        arm_along(robot, i, plane2 > 0.0 ? scale * pose->direction[i][0] : 1.0, scale * pose->direction[i][1], &pose->arm[i]);
+        forearm_at(robot, i, &pose->arm[i], point, pose->s[i]);
+    }
     return dph_accept();
 }
 
@@ -109,19 +127,30 @@ int dph_forward_kinematics(const dph_robot *robot, const double theta[3], double
     return platform_below(robot, arm, point);
 }
 
+double dph_pose_dexterity(const dph_robot *robot, const dph_pose *pose)
+{
+    double normal[3], least = HUGE_VAL, forearm = robot->forearm_length;
+    double scale = robot->upper_arm_length * forearm;
+    for (int i = 0; i < 3; ++i)
+        least = fmin(least, fabs(dot(pose->s[i], pose->arm[i].elbow_d)) / scale);
+    cross(pose->s[1], pose->s[2], normal);
+    return fmin(least, fabs(dot(pose->s[0], normal)) / (forearm * forearm * forearm));
+}
+
+/* The pose from joint angles and the point that belongs to them; without `direction`. */
+static void pose_from(const dph_robot *robot, const double theta[3], const double point[3], dph_pose *pose)
+{
+    for (int i = 0; i < 3; ++i) {
+        arm_at(robot, i, theta[i], &pose->arm[i]);
+        forearm_at(robot, i, &pose->arm[i], point, pose->s[i]);
+    }
+}
+
 double dph_dexterity(const dph_robot *robot, const double theta[3], const double point[3])
 {
-    double s[3][3], normal[3], least = HUGE_VAL;
-    double scale = robot->upper_arm_length * robot->forearm_length;
-    for (int i = 0; i < 3; ++i) {
-        dph_arm arm;
-        arm_at(robot, i, theta[i], &arm);
-        forearm_at(robot, i, &arm, point, s[i]);
-        least = fmin(least, fabs(dot(s[i], arm.elbow_d)) / scale);
-    }
-    cross(s[1], s[2], normal);
-    double forearm = robot->forearm_length;
-    return fmin(least, fabs(dot(s[0], normal)) / (forearm * forearm * forearm));
+    dph_pose pose;
+    pose_from(robot, theta, point, &pose);
+    return dph_pose_dexterity(robot, &pose);
 }
 
 double dph_closure_residual(const dph_robot *robot, const double theta[3], const double point[3])
@@ -147,28 +176,35 @@ void dph_elbows(const dph_robot *robot, int n, const double *theta, double *elbo
     }
 }
 
+void dph_pose_motion(const dph_pose *pose, const double velocity[3], const double acceleration[3], const double jerk[3],
+                     double joint_velocity[3], double joint_acceleration[3], double joint_jerk[3])
+{
+    for (int i = 0; i < 3; ++i) {
+        const dph_arm *arm = &pose->arm[i];
+        const double *s = pose->s[i];
+        double s_d[3], s_dd[3];
+        double inverse = 1.0 / dot(s, arm->elbow_d), e = dot(s, arm->elbow_dd);
+
+        /* phi' = s . (p' - E' w) = 0 */
+        double w = dot(s, velocity) * inverse;
+        /* phi'' = |s'|^2 + s . (p'' - E' a - E'' w^2) = 0 */
+        for (int k = 0; k < 3; ++k)
+            s_d[k] = velocity[k] - w * arm->elbow_d[k];
+        double a = (dot(s_d, s_d) + dot(s, acceleration) - e * w * w) * inverse;
+        /* phi''' = 3 s' . s'' + s . (p''' - E' j - 3 E'' w a + E' w^3) = 0, since E''' = -E' */
+        for (int k = 0; k < 3; ++k)
+            s_dd[k] = acceleration[k] - a * arm->elbow_d[k] - w * w * arm->elbow_dd[k];
+        joint_jerk[i] = (3.0 * dot(s_d, s_dd) + dot(s, jerk) - 3.0 * e * w * a) * inverse + w * w * w;
+        joint_acceleration[i] = a;
+        joint_velocity[i] = w;
+    }
+}
+
 void dph_joint_motion(const dph_robot *robot, const double theta[3], const double point[3], const double velocity[3],
                       const double acceleration[3], const double jerk[3], double joint_velocity[3],
                       double joint_acceleration[3], double joint_jerk[3])
 {
-    for (int i = 0; i < 3; ++i) {
-        dph_arm arm;
-        double s[3], s_d[3], s_dd[3];
-        arm_at(robot, i, theta[i], &arm);
-        forearm_at(robot, i, &arm, point, s);
-        double b = dot(s, arm.elbow_d), e = dot(s, arm.elbow_dd);
-
-        /* phi' = s . (p' - E' w) = 0 */
-        double w = dot(s, velocity) / b;
-        /* phi'' = |s'|^2 + s . (p'' - E' a - E'' w^2) = 0 */
-        for (int k = 0; k < 3; ++k)
-            s_d[k] = velocity[k] - w * arm.elbow_d[k];
-        double a = (dot(s_d, s_d) + dot(s, acceleration) - e * w * w) / b;
-        /* phi''' = 3 s' . s'' + s . (p''' - E' j - 3 E'' w a + E' w^3) = 0, since E''' = -E' */
-        for (int k = 0; k < 3; ++k)
-            s_dd[k] = acceleration[k] - a * arm.elbow_d[k] - w * w * arm.elbow_dd[k];
-        joint_jerk[i] = (3.0 * dot(s_d, s_dd) + dot(s, jerk) - 3.0 * e * w * a) / b + w * w * w;
-        joint_acceleration[i] = a;
-        joint_velocity[i] = w;
-    }
+    dph_pose pose;
+    pose_from(robot, theta, point, &pose);
+    dph_pose_motion(&pose, velocity, acceleration, jerk, joint_velocity, joint_acceleration, joint_jerk);
 }

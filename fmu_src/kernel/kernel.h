@@ -32,7 +32,9 @@ typedef enum dph_status {
     DPH_STATUS_JOINT_RANGE,
     DPH_STATUS_SINGULAR,
     DPH_STATUS_BUSY,
-    DPH_STATUS_NOT_AT_PICK
+    DPH_STATUS_NOT_AT_PICK,
+    DPH_STATUS_LIMIT_EXCEEDED,
+    DPH_STATUS_NO_LIMIT
 } dph_status;
 
 /* Phases of a PPO, numbered as Phase in ../planner/variables.toml. */
@@ -197,10 +199,19 @@ void dph_corner_law_make(const dph_corner *corner, double entry_speed, double mi
 /* The curve parameter at time t in [0, duration] [s] (eq. (27), safeguarded). Cost: about 3 quadratures of 16 points. */
 double dph_corner_law_gamma(const dph_corner_law *law, double time);
 
-/* ---- Plan (plan.c; paper.c and superposition.c hold the laws) ------------------------------------------------------------------------------ */
+/* ---- Plan (plan.c; paper.c, superposition.c, paper_limited.c and time_optimal.c hold the laws) ------------------------------------------- */
 
 /* Numbered as Law in ../planner/variables.toml. */
-typedef enum dph_law { DPH_LAW_PAPER, DPH_LAW_COMPARISON } dph_law;
+typedef enum dph_law { DPH_LAW_PAPER, DPH_LAW_COMPARISON, DPH_LAW_PAPER_LIMITED, DPH_LAW_TIME_OPTIMAL } dph_law;
+
+/* What the motion may reach, over continuous time; a value of 1e30 or more means no limit. The laws paper and comparison ignore them. */
+typedef struct dph_limits {
+    double joint_velocity[3];     /* [rad/s] */
+    double joint_acceleration[3]; /* [rad/s^2] */
+    double joint_jerk[3];         /* [rad/s^3] */
+    double joint_torque[3];       /* on the joint side [N m] */
+    double tcp_speed;             /* [m/s] */
+} dph_limits;
 
 /* What is asked for. Arrays of two: pick side, place side. */
 typedef struct dph_task {
@@ -213,6 +224,7 @@ typedef struct dph_task {
     double corner_mid_speed;     /* V_N; unused by comparison [m/s] */
     double traverse_speed;       /* V_max; comparison: greatest horizontal speed [m/s] */
     double overlap;              /* comparison: share of a vertical stroke's time; unused by the paper's law */
+    dph_limits limits;           /* paper_limited and time_optimal */
 } dph_task;
 
 /* One half of the paper's PPO, from rest to the middle of the traverse: phases 1 to 3. The place side is run backwards in time. */
@@ -226,7 +238,7 @@ typedef struct dph_side {
 } dph_side;
 
 /* Greatest number of pieces on which a plan is infinitely differentiable. */
-enum { DPH_PIECES = 6 };
+enum { DPH_PIECES = 64 };
 
 /* A plan: immutable once made. Times without a word are on the aligned clock: nominal time = speed_factor * time. */
 typedef struct dph_plan {
@@ -239,13 +251,24 @@ typedef struct dph_plan {
     double duration;             /* the same [s] */
     double speed_factor;         /* nominal / aligned duration, at most 1 */
     double length;               /* arc length of the path [m] */
+    double segment_arc[7];       /* arc length at the ends of lift, corners, halves of the traverse, lowering; not of comparison [m] */
     double corner_deviation[2];  /* vertex to path, by construction or found [m] */
     int pieces;
     dph_phase phase[DPH_PIECES];         /* of each piece */
     double boundary[DPH_PIECES + 1];     /* nominal times at which the pieces begin and end [s] */
     double arc_boundary[DPH_PIECES + 1]; /* arc length there [m] */
-    dph_side side[2];            /* paper's law only */
+    dph_side side[2];            /* without comparison; the motion in it of the paper's laws only */
+    /* Time-optimal law: b = (dx/dt)^2, a cubic on every piece, x the path parameter (path.h). */
+    double parameter[DPH_PIECES + 1]; /* x at the ends of the pieces */
+    double b[DPH_PIECES + 1];         /* b there [1/s^2] */
+    double b_slope[DPH_PIECES + 1];   /* db/dx there [1/s^2] */
 } dph_plan;
+
+/* Scratch memory of a planner: holds nothing between two calls. */
+typedef struct dph_workspace dph_workspace;
+
+/* Size of a workspace [bytes], below 2^19; any memory that is aligned for double will do. */
+int dph_workspace_size(void);
 
 /* A setpoint: everything the planner says about one instant. */
 typedef struct dph_setpoint {
@@ -265,10 +288,12 @@ typedef struct dph_peaks {
 } dph_peaks;
 
 /* Plan a PPO.
+ * Given:    workspace for the time-optimal law; NULL will do for the others.
  * Returned: plan, and status OK; the plan is only meaningful then.
  * Fails:    with a verdict, for every finite or not finite input; never crashes, never loops without end.
- * Cost:     the quadratures of two corners, 49 inverse kinematics. */
-dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_plan *plan);
+ * Cost:     the quadratures of two corners, a pose per 2.5 mm. paper_limited: the peaks of some hundred plans besides. time_optimal: some
+ *           seven hundred poses and at most 40 steps of its solver instead. */
+dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_workspace *workspace, dph_plan *plan);
 
 /* The setpoint at a time [s] on the aligned clock, clamped to [0, duration]: before the start the robot rests at the pick point, from the
  * end on at the place point, exactly.

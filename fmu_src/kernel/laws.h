@@ -16,14 +16,20 @@ typedef struct dph_planar {
 dph_verdict dph_refuse(dph_status status, dph_phase phase, int joint, double required, double available);
 dph_verdict dph_accept(void);
 
+/* Can the robot be at a point (3) [m]: reach, joint range, dexterity. */
+dph_verdict dph_pose_check(const dph_robot *robot, const double point[3], dph_phase phase);
+
 /* Fill in pieces, boundaries, lengths and deviations of a plan whose task is finite and positive and whose direction and traverse are
  * known; or refuse. */
 dph_verdict dph_paper_make(dph_plan *plan);
 dph_verdict dph_superposition_make(dph_plan *plan);
+dph_verdict dph_paper_limited_make(dph_plan *plan);
+dph_verdict dph_time_optimal_make(dph_workspace *workspace, dph_plan *plan); /* has also checked that the robot can follow the path */
 
 /* The motion at nominal time t within a piece, one-sided at its boundaries. */
 void dph_paper_at(const dph_plan *plan, int piece, double t, dph_planar *motion);
 void dph_superposition_at(const dph_plan *plan, int piece, double t, dph_planar *motion);
+void dph_time_optimal_at(const dph_plan *plan, int piece, double t, dph_planar *motion);
 
 /* Setpoint at an aligned time as seen from within one piece. */
 void dph_plan_sample_piece(const dph_plan *plan, int piece, double time, dph_setpoint *setpoint);

@@ -4,6 +4,7 @@
 
 #include "corner_law.h"
 #include "laws.h"
+#include "path.h"
 
 /* Path length s and its time derivatives along a straight line, [order]. */
 typedef double Line[4];
@@ -72,53 +73,28 @@ void dph_paper_at(const dph_plan *plan, int piece, double t, dph_planar *motion)
         motion->d[order][order % 2 == 0 ? 0 : 1] *= -1.0;
 }
 
-static dph_verdict side_make(const dph_plan *plan, int which, dph_side *side)
-{
-    const dph_task *task = &plan->task;
-    dph_corner corner;
-    dph_corner_from_deviation(task->corner_deviation[which], &corner);
-    if (corner.leg >= task->lift[which])
-        return dph_refuse(DPH_STATUS_LIFT_TOO_LOW, which == 0 ? DPH_PHASE_PICK_CORNER : DPH_PHASE_PLACE_CORNER, 0, corner.deviation,
-                          task->lift[which] * (corner.deviation / corner.leg));
-    dph_corner_law_make(&corner, task->corner_entry_speed, task->corner_mid_speed, &side->corner);
-    side->lift_length = task->lift[which] - corner.leg;
-    side->lift_duration = 2.0 * side->lift_length / task->corner_entry_speed;
-    side->traverse_speed = task->traverse_speed;
-    return dph_accept();
-}
-
 dph_verdict dph_paper_make(dph_plan *plan)
 {
-    static const dph_phase phase[DPH_PIECES] = {DPH_PHASE_LIFT,       DPH_PHASE_PICK_CORNER,  DPH_PHASE_ACCELERATE,
-                                                DPH_PHASE_DECELERATE, DPH_PHASE_PLACE_CORNER, DPH_PHASE_LOWER};
-    for (int which = 0; which < 2; ++which) {
-        dph_verdict verdict = side_make(plan, which, &plan->side[which]);
-        if (verdict.status != DPH_STATUS_OK)
-            return verdict;
-        plan->corner_deviation[which] = plan->task.corner_deviation[which];
-    }
-    double legs = plan->side[0].corner.corner.leg + plan->side[1].corner.corner.leg;
-    if (!(legs <= plan->traverse))
-        return dph_refuse(DPH_STATUS_TRAVERSE_TOO_SHORT, DPH_PHASE_IDLE, 0, legs, plan->traverse);
-
-    plan->pieces = DPH_PIECES;
-    memcpy(plan->phase, phase, sizeof phase);
-    double duration[DPH_PIECES], length[DPH_PIECES];
+    dph_verdict verdict = dph_path_make(plan);
+    if (verdict.status != DPH_STATUS_OK)
+        return verdict;
+    const dph_task *task = &plan->task;
+    double duration[SEGMENTS];
     for (int which = 0; which < 2; ++which) {
         dph_side *side = &plan->side[which];
-        side->cruise_length = 0.5 * (plan->traverse - legs);
-        side->cruise_duration = 2.0 * side->cruise_length / (plan->task.corner_entry_speed + plan->task.traverse_speed);
-        int lift = which == 0 ? 0 : 5, corner = which == 0 ? 1 : 4, cruise = which == 0 ? 2 : 3;
-        duration[lift] = side->lift_duration;
-        length[lift] = side->lift_length;
-        duration[corner] = side->corner.duration;
-        length[corner] = side->corner.corner.length;
-        duration[cruise] = side->cruise_duration;
-        length[cruise] = side->cruise_length;
+        dph_corner corner = side->corner.corner;
+        dph_corner_law_make(&corner, task->corner_entry_speed, task->corner_mid_speed, &side->corner);
+        side->lift_duration = 2.0 * side->lift_length / task->corner_entry_speed;
+        side->cruise_duration = 2.0 * side->cruise_length / (task->corner_entry_speed + task->traverse_speed);
+        side->traverse_speed = task->traverse_speed;
+        duration[which == 0 ? 0 : 5] = side->lift_duration;
+        duration[which == 0 ? 1 : 4] = side->corner.duration;
+        duration[which == 0 ? 2 : 3] = side->cruise_duration;
     }
-    for (int piece = 0; piece < DPH_PIECES; ++piece) {
+    plan->pieces = SEGMENTS;
+    memcpy(plan->phase, dph_segment_phase, sizeof dph_segment_phase);
+    memcpy(plan->arc_boundary, plan->segment_arc, sizeof plan->segment_arc);
+    for (int piece = 0; piece < SEGMENTS; ++piece)
         plan->boundary[piece + 1] = plan->boundary[piece] + duration[piece];
-        plan->arc_boundary[piece + 1] = plan->arc_boundary[piece] + length[piece];
-    }
     return dph_accept();
 }

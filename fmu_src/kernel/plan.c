@@ -2,16 +2,15 @@
 #include <math.h>
 #include <string.h>
 
+#include "delta_arms.h"
 #include "laws.h"
+#include "path.h"
 
 /* Longest motion [s]; its milliseconds are far inside an int. */
 static const double longest = 3600.0;
 
 /* Heights that differ by less are level: a thousand times the rounding error of metres written as millimetres. */
 static const double level_tolerance = 1e-9;
-
-/* Least dexterity on a path; at the sources' default robot the paper's path keeps above 0.7. */
-static const double least_dexterity = 0.1;
 
 static dph_verdict task_check(const dph_task *task)
 {
@@ -53,10 +52,18 @@ static void align(dph_plan *plan)
 
 static void planar_at(const dph_plan *plan, int piece, double nominal_time, dph_planar *motion)
 {
-    if (plan->task.law == DPH_LAW_PAPER)
+    switch (plan->task.law) {
+    case DPH_LAW_PAPER:
+    case DPH_LAW_PAPER_LIMITED:
         dph_paper_at(plan, piece, nominal_time, motion);
-    else
+        break;
+    case DPH_LAW_COMPARISON:
         dph_superposition_at(plan, piece, nominal_time, motion);
+        break;
+    case DPH_LAW_TIME_OPTIMAL:
+        dph_time_optimal_at(plan, piece, nominal_time, motion);
+        break;
+    }
 }
 
 static double distance(const double a[3], const double b[3], double height)
@@ -99,40 +106,20 @@ static void tcp_at(const dph_plan *plan, int piece, double time, dph_setpoint *s
 /* The joint part of a setpoint from its tcp part. */
 static dph_verdict joints_at(const dph_robot *robot, double payload, dph_setpoint *setpoint)
 {
+    dph_pose pose;
     dph_motion motion = {.force = {0.0}};
-    dph_verdict verdict = dph_inverse_kinematics(robot, setpoint->tcp_position, motion.theta);
+    dph_verdict verdict = dph_pose_at(robot, setpoint->tcp_position, &pose);
     if (verdict.status != DPH_STATUS_OK)
         return verdict;
-    dph_joint_motion(robot, motion.theta, setpoint->tcp_position, setpoint->tcp_velocity, setpoint->tcp_acceleration,
-                     setpoint->tcp_jerk, motion.theta_d, motion.theta_dd, setpoint->joint_jerk);
-    memcpy(motion.point, setpoint->tcp_position, sizeof motion.point);
-    memcpy(motion.point_d, setpoint->tcp_velocity, sizeof motion.point_d);
+    dph_pose_motion(&pose, setpoint->tcp_velocity, setpoint->tcp_acceleration, setpoint->tcp_jerk, motion.theta_d, motion.theta_dd,
+                    setpoint->joint_jerk);
     memcpy(motion.point_dd, setpoint->tcp_acceleration, sizeof motion.point_dd);
-    dph_inverse_dynamics(robot, payload, &motion);
-    memcpy(setpoint->joint_position, motion.theta, sizeof motion.theta);
+    dph_pose_dynamics(robot, &pose, payload, &motion);
+    for (int i = 0; i < 3; ++i)
+        setpoint->joint_position[i] = atan2(pose.direction[i][1], pose.direction[i][0]);
     memcpy(setpoint->joint_velocity, motion.theta_d, sizeof motion.theta_d);
     memcpy(setpoint->joint_acceleration, motion.theta_dd, sizeof motion.theta_dd);
     memcpy(setpoint->joint_torque, motion.torque, sizeof motion.torque);
-    return verdict;
-}
-
-/* Can the robot be there: reach, joint range, dexterity. */
-static dph_verdict pose_check(const dph_robot *robot, const double point[3], dph_phase phase)
-{
-    double theta[3];
-    dph_verdict verdict = dph_inverse_kinematics(robot, point, theta);
-    verdict.phase = phase;
-    if (verdict.status != DPH_STATUS_OK)
-        return verdict;
-    for (int i = 0; i < 3; ++i) {
-        if (theta[i] < robot->joint_position_min)
-            return dph_refuse(DPH_STATUS_JOINT_RANGE, phase, i + 1, theta[i], robot->joint_position_min);
-        if (theta[i] > robot->joint_position_max)
-            return dph_refuse(DPH_STATUS_JOINT_RANGE, phase, i + 1, theta[i], robot->joint_position_max);
-    }
-    double dexterity = dph_dexterity(robot, theta, point);
-    if (!(dexterity >= least_dexterity))
-        return dph_refuse(DPH_STATUS_SINGULAR, phase, 0, least_dexterity, dexterity);
     return verdict;
 }
 
@@ -148,7 +135,7 @@ static dph_verdict path_check(const dph_plan *plan)
         for (int i = 0; i <= intervals; ++i) {
             dph_setpoint setpoint;
             tcp_at(plan, piece, (begin + step * i) / plan->speed_factor, &setpoint);
-            dph_verdict verdict = pose_check(&plan->robot, setpoint.tcp_position, plan->phase[piece]);
+            dph_verdict verdict = dph_pose_check(&plan->robot, setpoint.tcp_position, plan->phase[piece]);
             if (verdict.status != DPH_STATUS_OK)
                 return verdict;
         }
@@ -156,7 +143,22 @@ static dph_verdict path_check(const dph_plan *plan)
     return dph_accept();
 }
 
-dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_plan *plan)
+static dph_verdict law_make(dph_workspace *workspace, dph_plan *plan)
+{
+    switch (plan->task.law) {
+    case DPH_LAW_PAPER:
+        return dph_paper_make(plan);
+    case DPH_LAW_COMPARISON:
+        return dph_superposition_make(plan);
+    case DPH_LAW_PAPER_LIMITED:
+        return dph_paper_limited_make(plan);
+    case DPH_LAW_TIME_OPTIMAL:
+        return dph_time_optimal_make(workspace, plan);
+    }
+    return dph_refuse(DPH_STATUS_INVALID_VALUE, DPH_PHASE_IDLE, 0, 0.0, plan->task.law);
+}
+
+dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_workspace *workspace, dph_plan *plan)
 {
     dph_verdict verdict = dph_robot_check(robot);
     if (verdict.status != DPH_STATUS_OK)
@@ -173,7 +175,7 @@ dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_plan
     plan->direction[0] = plan->traverse > 0.0 ? x / plan->traverse : 1.0;
     plan->direction[1] = plan->traverse > 0.0 ? y / plan->traverse : 0.0;
 
-    verdict = task->law == DPH_LAW_PAPER ? dph_paper_make(plan) : dph_superposition_make(plan);
+    verdict = law_make(workspace, plan);
     if (verdict.status != DPH_STATUS_OK)
         return verdict;
     plan->nominal_duration = plan->boundary[plan->pieces];
@@ -181,7 +183,7 @@ dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_plan
     if (!(plan->nominal_duration <= longest))
         return dph_refuse(DPH_STATUS_TOO_SLOW, DPH_PHASE_IDLE, 0, plan->nominal_duration, longest);
     align(plan);
-    return path_check(plan);
+    return task->law == DPH_LAW_TIME_OPTIMAL ? verdict : path_check(plan);
 }
 
 void dph_plan_sample_piece(const dph_plan *plan, int piece, double time, dph_setpoint *setpoint)

@@ -9,6 +9,9 @@
 /* Greatest speed of a quintic stroke is 15/8 of its mean speed. */
 static const double peak_factor = 1.875;
 
+/* A traverse below is none: its duration would be lost in rounding next to those of the lifts. */
+static const double least_traverse = 1e-9;
+
 /* Stroke of unit length and duration T at time t, with its time derivatives: 6 f^5 - 15 f^4 + 10 f^3. */
 static void stroke_at(double T, double t, double s[4])
 {
@@ -127,9 +130,9 @@ dph_verdict dph_superposition_make(dph_plan *plan)
     double down = stroke_duration(task->lift[1], task->corner_entry_speed);
     double across = stroke_duration(plan->traverse, task->traverse_speed);
     double overlaps = task->overlap * (up + down);
-    if (!(across >= overlaps) || !(plan->traverse > 0.0))
-        return dph_refuse(DPH_STATUS_TRAVERSE_TOO_SHORT, DPH_PHASE_IDLE, 0, overlaps * task->traverse_speed / peak_factor,
-                          plan->traverse);
+    if (!(across >= overlaps) || !(plan->traverse >= least_traverse))
+        return dph_refuse(DPH_STATUS_TRAVERSE_TOO_SHORT, DPH_PHASE_IDLE, 0,
+                          fmax(overlaps * task->traverse_speed / peak_factor, least_traverse), plan->traverse);
 
     plan->pieces = 5;
     memcpy(plan->phase, phase, sizeof phase);

@@ -91,6 +91,13 @@ void dph_verdict_text(const dph_verdict *verdict, char *text, int size)
     case DPH_STATUS_NOT_AT_PICK:
         snprintf(text, n, "the robot rests %.6g mm away from the pick point: at most %.6g mm", mm(required), mm(available));
         return;
+    case DPH_STATUS_LIMIT_EXCEEDED:
+        snprintf(text, n, "joint %d needs %.5g N m to hold still%s: the torque limit of %.5g N m leaves nothing to move with",
+                 verdict->joint, required, phase, available);
+        return;
+    case DPH_STATUS_NO_LIMIT:
+        snprintf(text, n, "the law needs a limit: give at least one of joint velocity, acceleration, jerk, torque, or tcp speed");
+        return;
     }
     snprintf(text, n, "unknown verdict %d", (int)verdict->status);
 }

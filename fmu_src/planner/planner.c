@@ -27,7 +27,17 @@ static dph_task task_from(const Variables *v)
     task.corner_mid_speed = v->speed_corner_mid;
     task.traverse_speed = v->speed_traverse;
     task.overlap = v->overlap;
+    memcpy(task.limits.joint_velocity, v->limit_joint_velocity, sizeof task.limits.joint_velocity);
+    memcpy(task.limits.joint_acceleration, v->limit_joint_acceleration, sizeof task.limits.joint_acceleration);
+    memcpy(task.limits.joint_jerk, v->limit_joint_jerk, sizeof task.limits.joint_jerk);
+    memcpy(task.limits.joint_torque, v->limit_joint_torque, sizeof task.limits.joint_torque);
+    task.limits.tcp_speed = v->limit_tcp_speed;
     return task;
+}
+
+static dph_workspace *workspace_of(Model *m)
+{
+    return (void *)(m + 1); /* the model's scratch */
 }
 
 /* The task is judged by itself before it is asked whether the robot is there: the first answer helps more. */
@@ -37,7 +47,7 @@ static dph_verdict plan_request(Model *m, dph_plan *plan)
     if (m->is_waiting)
         return verdict;
     dph_task task = task_from(&m->v);
-    verdict = dph_plan_make(&m->robot, &task, plan);
+    verdict = dph_plan_make(&m->robot, &task, workspace_of(m), plan);
     if (verdict.status != DPH_STATUS_OK)
         return verdict;
     double x = task.pick[0] - m->rest[0], y = task.pick[1] - m->rest[1], z = task.pick[2] - m->rest[2];
@@ -48,7 +58,7 @@ static dph_verdict plan_request(Model *m, dph_plan *plan)
         verdict.available = at_pick_tolerance;
     } else if (away > 0.0) {
         memcpy(task.pick, m->rest, sizeof task.pick);
-        verdict = dph_plan_make(&m->robot, &task, plan);
+        verdict = dph_plan_make(&m->robot, &task, workspace_of(m), plan);
     }
     return verdict;
 }

@@ -4,6 +4,7 @@
 
 #include "feed.h"
 #include "kernel/kernel.h"
+#include "kernel/workspace.h"
 #include "model_variables.h"
 
 typedef struct {
@@ -18,5 +19,8 @@ typedef struct {
     int32_t has_run, is_running, is_waiting;
     int32_t last_trigger;
 } Model;
+
+/* Memory behind the model that no state keeps: the workspace of the planner. */
+enum { MODEL_SCRATCH = sizeof(dph_workspace) };
 
 #endif

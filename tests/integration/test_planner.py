@@ -46,7 +46,7 @@ def expected(plan: Plan, steps: int) -> np.ndarray:
     return np.column_stack(list(planner_columns(plan, np.arange(steps + 1) / 1000.0).values()))
 
 
-@pytest.mark.parametrize("name", ["paper", "comparison", "oblique", "tight_corner"])
+@pytest.mark.parametrize("name", ["paper", "comparison", "oblique", "tight_corner", "paper_limited", "time_optimal"])
 def test_emits_what_plan_samples_bit_for_bit(planner: FmiSlave, name: str) -> None:
     scenario = load_scenario(SCENARIOS / f"{name}.toml")
     plan = Plan.of(scenario)

@@ -18,7 +18,7 @@ ORDER = [
     {"execution"},
     {"checks"},
     {"report", "scene"},
-    {"run", "record"},
+    {"run", "record", "bench"},
     {"cli"},
 ]
 TELEMETRY_SEES = {"errors", "frame", "variables"}

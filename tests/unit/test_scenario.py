@@ -142,7 +142,7 @@ def test_unequal_sides() -> None:
         ("lift_mm = 50.0 ", 'lift_mm = "50" ', "task.lift_mm is '50': input should be a valid number"),
         ("lift_mm = 50.0 ", "lift_pick_mm = 50.0 ", "task: give either lift_mm or both lift_pick_mm and lift_place_mm"),
         ("[-152.5, 0.0, -800.0]", "[-152.5, 0.0]", "task.pick_mm.2 is missing"),
-        ('name = "paper"', 'name = "papper"', "law: 'papper' is not one of paper, comparison"),
+        ('name = "paper"', 'name = "papper"', "law: 'papper' is not one of paper, comparison, paper_limited, time_optimal"),
         ('gains = "tuned"', 'gains = "hot"', "drive: 'hot' is not one of tuned, factory"),
         (
             "communication_step_ms = 1.0",

@@ -1,0 +1,39 @@
+/* The path of a PPO by arc length: what its files offer to the other files of the kernel only. */
+#ifndef DELTAPH_PATH_H
+#define DELTAPH_PATH_H
+
+#include "kernel.h"
+
+/* Segments of a path: lift, corner, half of the traverse, and the same from the place point. */
+enum { SEGMENTS = 6 };
+
+extern const dph_phase dph_segment_phase[SEGMENTS];
+
+/* Lay the path of a plan whose task is finite and positive and whose direction and traverse are known: both sides without their motion,
+ * segment_arc, length, corner_deviation; or refuse. */
+dph_verdict dph_path_make(dph_plan *plan);
+
+/* Points of the path, without motion: as dph_plan_make refuses them. Cost: a pose per 2.5 mm. */
+dph_verdict dph_path_check(const dph_plan *plan);
+
+/* The path at an arc length from its nearer end, the pick point for segments 0 to 2, the place point for segments 3 to 5.
+ * Returned: position, relative to that end, and derivatives by the arc length from the pick point, [order][horizontal, vertical]. */
+void dph_path_at(const dph_plan *plan, int segment, double length, double d[4][2]);
+
+/* A segment that `length` from the nearer end lies in: `segment` itself if possible, else a neighbour of it on the same side. */
+int dph_path_segment(const dph_plan *plan, int segment, double length);
+
+/* The path parameter x in [0, 1] of the time-optimal law: s = L y(x), y = 10 x^3 - 15 x^4 + 6 x^5. At rest y' = y'' = 0, so that a start
+ * with limited jerk, s ~ t^3, is x ~ t: regular. */
+
+/* y and its derivatives, [order]. */
+void dph_parameter_at(double x, double y[4]);
+
+/* The x in [0, 1] with y(x) = `share`. */
+double dph_parameter_of(double share);
+
+/* Derivatives by x of the path, [order][horizontal, vertical], position relative to the nearer end as in dph_path_at.
+ * Returned besides: ds/dx [m]; the arc length from the pick point [m]. */
+void dph_path_by_parameter(const dph_plan *plan, int segment, double x, double d[4][2], double *ds, double *arc_length);
+
+#endif

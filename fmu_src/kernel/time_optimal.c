@@ -1,0 +1,253 @@
+/* The time-optimal law: the fastest motion along the path within limits of joint velocity, acceleration, jerk, torque and tcp speed, from
+ * rest to rest with continuous acceleration. The solver keeps the limits at its nodes; what happens between them is verified here, repaired
+ * once, and made good by one factor. */
+#include "time_optimal.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "laws.h"
+#include "quadrature.h"
+
+/* Iterations at most, and relative gaps: the first run ends near enough to the optimum, the second one continues from there. */
+enum { FIRST_ITERATIONS = 25, REPAIRS = 2, REPAIR_ITERATIONS = 15 };
+static const double first_gap = 0.5, repair_gap = 0.02, tolerance = 3e-3;
+
+/* A stretch not worth a repair. */
+static const double enough = 1.001;
+
+/* What the parabolas of the verification may have missed, as a ratio of velocities: found to be below 2e-4 for jerk, its cube. */
+static const double unseen = 1.0001;
+
+int dph_workspace_size(void)
+{
+    return (int)sizeof(dph_workspace);
+}
+
+/* ---- Verification ----------------------------------------------------------------------------------------------------------------- */
+
+/* Greatest absolute value of a smooth function by its samples and the tops of the parabolas through any three neighbours. */
+static double peak_of(const double f[DPH_FINE + 1])
+{
+    double peak = 0.0;
+    for (int i = 0; i <= DPH_FINE; ++i)
+        peak = fabs(f[i]) > peak ? fabs(f[i]) : peak;
+    for (int i = 1; i < DPH_FINE; ++i) {
+        double sign = f[i] < 0.0 ? -1.0 : 1.0, here = sign * f[i], rise = sign * (f[i + 1] - f[i - 1]);
+        double bend = 2.0 * here - sign * (f[i + 1] + f[i - 1]);
+        if (fabs(rise) <= 2.0 * bend) { /* the top is between the outer two */
+            double top = here + rise * rise / (8.0 * bend);
+            peak = top > peak ? top : peak;
+        }
+    }
+    return peak;
+}
+
+/* How far b goes beyond the limits in an interval: ratios of velocity^2; acceleration or torque; jerk; at most 1 where all is kept.
+ * Returns 0 where b is not positive. */
+static int excess_of(const dph_workspace *w, int k, double excess[3])
+{
+    double width = w->knot[k + 1] - w->knot[k], slope[2] = {width * w->slope[k], width * w->slope[k + 1]};
+    double series[1 + DPH_ROWS][DPH_FINE + 1];
+    int count[2] = {0, 0};
+    for (int i = 0; i <= DPH_FINE; ++i) {
+        double v[3], c[DPH_ROWS][3], offset[DPH_ROWS];
+        dph_hermite(&w->b[k], slope, (double)i / DPH_FINE, v);
+        if (!(v[0] > 0.0))
+            return 0;
+        v[1] /= width;
+        v[2] /= width * width;
+        dph_rows_at(&w->bounds, &w->point[k][i], c, offset, count);
+        series[0][i] = v[0] * dph_inverse_cap(&w->bounds, &w->point[k][i]);
+        double root = sqrt(v[0]);
+        for (int row = 0; row < count[0] + count[1]; ++row) {
+            double x = c[row][0] * v[0] + c[row][1] * v[1] + c[row][2] * v[2];
+            /* Gravity does not shrink with speed: what counts is the room it leaves on the side of x. */
+            series[1 + row][i] = row >= count[0] ? x * root : x / (1.0 - (x > 0.0 ? offset[row] : -offset[row]));
+        }
+    }
+    excess[0] = peak_of(series[0]);
+    excess[1] = excess[2] = 0.0;
+    for (int row = 0; row < count[0] + count[1]; ++row) {
+        double peak = peak_of(series[1 + row]), *greatest = &excess[row < count[0] ? 1 : 2];
+        *greatest = peak > *greatest ? peak : *greatest;
+    }
+    return 1;
+}
+
+/* The factor by which time has to be stretched to keep all limits, at least 1; 0 where b is not positive. Found besides: by how much each
+ * interval goes beyond its limits. */
+static double stretch_of(dph_workspace *w)
+{
+    double greatest[3] = {0.0};
+    for (int k = 0; k < w->intervals; ++k) {
+        double excess[3];
+        if (!excess_of(w, k, excess))
+            return 0.0;
+        for (int i = 0; i < 3; ++i) {
+            greatest[i] = excess[i] > greatest[i] ? excess[i] : greatest[i];
+            w->tighten[k][i] = excess[i] > 1.0 ? excess[i] : 1.0;
+        }
+    }
+    double stretch = sqrt(greatest[0]), by_acceleration = sqrt(greatest[1]), by_jerk = cbrt(greatest[2]);
+    stretch = stretch > by_acceleration ? stretch : by_acceleration;
+    stretch = stretch > by_jerk ? stretch : by_jerk;
+    return stretch > 1.0 ? stretch : 1.0;
+}
+
+/* Give the intervals that went beyond their limits tighter ones. A knot's velocity and acceleration are constraints of the interval behind
+ * it: they take the tighter one of both. */
+static void tighten(dph_workspace *w)
+{
+    for (int k = 0; k < w->intervals; ++k)
+        for (int j = 0; j < DPH_NODES; ++j) {
+            dph_node *node = &w->node[k][j];
+            const double *own = w->tighten[k], *before = w->tighten[j == 0 && k > 0 ? k - 1 : k];
+            double ratio[2] = {own[0] > before[0] ? own[0] : before[0], own[1] > before[1] ? own[1] : before[1]};
+            node->cap *= ratio[0];
+            for (int i = 0; i < node->rows[0] + node->rows[1]; ++i)
+                for (int order = 0; order < 3; ++order)
+                    node->row[i].c[order] *= i < node->rows[0] ? ratio[1] : own[2];
+        }
+}
+
+/* ---- The law ---------------------------------------------------------------------------------------------------------------------- */
+
+typedef struct Cubic {
+    double value[2], slope[2]; /* slopes by u */
+} Cubic;
+
+static Cubic cubic_of(const dph_plan *plan, int piece, double *width)
+{
+    *width = plan->parameter[piece + 1] - plan->parameter[piece];
+    Cubic cubic = {{plan->b[piece], plan->b[piece + 1]}, {*width * plan->b_slope[piece], *width * plan->b_slope[piece + 1]}};
+    return cubic;
+}
+
+/* dt / dx at a point u of a piece. */
+static double slowness(double u, const void *context)
+{
+    const Cubic *cubic = context;
+    double b[3];
+    dph_hermite(cubic->value, cubic->slope, u, b);
+    return 1.0 / sqrt(b[0]);
+}
+
+static void keep(const dph_workspace *w, double stretch, dph_plan *plan)
+{
+    double factor = 1.0 / (stretch * stretch);
+    plan->pieces = w->intervals;
+    for (int k = 0; k <= w->intervals; ++k) {
+        double y[4];
+        plan->parameter[k] = w->knot[k];
+        plan->b[k] = factor * w->b[k];
+        plan->b_slope[k] = factor * w->slope[k];
+        int place = w->segment[k < w->intervals ? k : k - 1] >= 3;
+        dph_parameter_at(place ? 1.0 - w->knot[k] : w->knot[k], y);
+        plan->arc_boundary[k] = place ? plan->length - plan->length * y[0] : plan->length * y[0];
+    }
+    plan->boundary[0] = 0.0;
+    for (int k = 0; k < w->intervals; ++k) {
+        double width;
+        Cubic cubic = cubic_of(plan, k, &width);
+        plan->phase[k] = dph_segment_phase[w->segment[k]];
+        plan->boundary[k + 1] = plan->boundary[k] + width * gauss_integral(slowness, &cubic, 0.0, 1.0);
+    }
+}
+
+/* A motion that keeps all limits once it is stretched, and its duration then [s]. */
+typedef struct Motion {
+    double b[DPH_PIECES + 1], slope[DPH_PIECES + 1], stretch, duration;
+} Motion;
+
+/* Verify what the solver holds and keep it if it is the shortest motion so far. Returned: its stretch; 0 where it is none. */
+static double remember(dph_workspace *w, Motion *best)
+{
+    double stretch = stretch_of(w), duration = 0.0;
+    for (int k = 0; k < w->intervals; ++k) {
+        double width = w->knot[k + 1] - w->knot[k];
+        Cubic cubic = {{w->b[k], w->b[k + 1]}, {width * w->slope[k], width * w->slope[k + 1]}};
+        for (int j = 0; j < DPH_NODES; ++j)
+            duration += stretch * w->unit * w->node[k][j].weight * slowness(0.25 * j, &cubic);
+    }
+    if (stretch > 0.0 && duration < best->duration) {
+        memcpy(best->b, w->b, sizeof best->b);
+        memcpy(best->slope, w->slope, sizeof best->slope);
+        best->stretch = stretch;
+        best->duration = duration;
+    }
+    return stretch;
+}
+
+dph_verdict dph_time_optimal_make(dph_workspace *w, dph_plan *plan)
+{
+    dph_verdict verdict = dph_path_make(plan);
+    if (verdict.status == DPH_STATUS_OK)
+        verdict = dph_limits_make(&plan->task.limits, &w->bounds);
+    if (verdict.status == DPH_STATUS_OK)
+        verdict = dph_path_check(plan);
+    if (verdict.status == DPH_STATUS_OK)
+        verdict = dph_path_gravity_check(plan, &w->bounds);
+    if (verdict.status != DPH_STATUS_OK)
+        return verdict;
+    dph_profile_make(plan, w);
+
+    /* The start is a motion too, and so is every result; kept is the shortest one. */
+    Motion best = {.duration = HUGE_VAL};
+    (void)remember(w, &best);
+    (void)dph_interior_point(w, FIRST_ITERATIONS, first_gap, tolerance);
+    double stretch = remember(w, &best);
+    for (int repair = 0; repair < REPAIRS && (stretch > enough || !(stretch > 0.0)); ++repair) {
+        if (!(stretch > 0.0)) { /* between the nodes b is not positive: start anew from the best one */
+            memcpy(w->b, best.b, sizeof best.b);
+            memcpy(w->slope, best.slope, sizeof best.slope);
+            (void)stretch_of(w);
+        }
+        tighten(w);
+        if (dph_profile_fit(w) < HUGE_VAL)
+            (void)dph_interior_point(w, REPAIR_ITERATIONS, repair_gap, tolerance);
+        stretch = remember(w, &best);
+    }
+    memcpy(w->b, best.b, sizeof best.b);
+    memcpy(w->slope, best.slope, sizeof best.slope);
+    keep(w, best.stretch * unseen, plan);
+    return dph_accept();
+}
+
+void dph_time_optimal_at(const dph_plan *plan, int piece, double t, dph_planar *motion)
+{
+    double width, begin = plan->boundary[piece], end = plan->boundary[piece + 1];
+    Cubic cubic = cubic_of(plan, piece, &width);
+    double low = 0.0, high = 1.0, u = (t - begin) / (end - begin);
+
+    /* Newton's method on t(u), from the nearer end, within a shrinking bracket: t increases with u. A step below 1e-9 leaves an error of
+     * about its square. */
+    for (int i = 0; i < 60; ++i) {
+        double residual = t - begin < end - t ? begin + width * gauss_integral(slowness, &cubic, 0.0, u) - t
+                                              : end - width * gauss_integral(slowness, &cubic, u, 1.0) - t;
+        double step = -residual / (width * slowness(u, &cubic)), next = u + step;
+        if (residual > 0.0)
+            high = u;
+        else
+            low = u;
+        u = next >= low && next <= high ? next : 0.5 * (low + high);
+        if (fabs(step) < 1e-9)
+            break;
+    }
+
+    double b[3], by_parameter[4][2], ds;
+    int segment = 0;
+    while (segment < SEGMENTS - 1 && dph_segment_phase[segment] != plan->phase[piece])
+        ++segment;
+    dph_hermite(cubic.value, cubic.slope, u, b);
+    double x = u < 1.0 ? plan->parameter[piece] + u * width : plan->parameter[piece + 1];
+    dph_path_by_parameter(plan, segment, x, by_parameter, &ds, &motion->arc_length);
+    double x1 = sqrt(b[0]), x2 = 0.5 * b[1] / width, x3 = 0.5 * x1 * b[2] / (width * width); /* time derivatives of x */
+    motion->side = segment >= 3;
+    for (int i = 0; i < 2; ++i) {
+        motion->d[0][i] = by_parameter[0][i];
+        motion->d[1][i] = by_parameter[1][i] * x1;
+        motion->d[2][i] = by_parameter[2][i] * x1 * x1 + by_parameter[1][i] * x2;
+        motion->d[3][i] = by_parameter[3][i] * x1 * x1 * x1 + 3.0 * by_parameter[2][i] * x1 * x2 + by_parameter[1][i] * x3;
+    }
+}
