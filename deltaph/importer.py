@@ -77,7 +77,10 @@ def schedule(scenario: Scenario, cycles: int | None = None) -> Schedule:
     there = Plan.of(scenario)
     plans = [there]
     if cycles is not None:
-        plans = [there, Plan(scenario.robot, scenario.task.reversed(), scenario.law, scenario.declared_payload, scenario.limits)] * cycles
+        plans = [
+            there,
+            Plan(scenario.robot, scenario.task.reversed(), scenario.law, scenario.declared_payload, scenario.limits),
+        ] * cycles
     step = scenario.communication_step_ms
     operations: list[Operation] = []
     begins = [0, *np.cumsum([plan.duration_ms for plan in plans]).tolist()]

@@ -10,7 +10,7 @@
 #include "trips.h"
 
 /* Samples of the drives in a step: MODEL_STEP / DRIVE_PERIOD. */
-enum { SAMPLES = 8 };
+enum { SAMPLES_PER_STEP = 8 };
 
 /* No input or drive parameter of a robot is greater, in SI units; within it all arithmetic stays finite. */
 static const double greatest = 1e9;
@@ -193,7 +193,7 @@ int model_initialize(void *model, const ModelLog *log)
 static void run_period(Model *m, uint64_t sample, const ModelLog *log)
 {
     Mechanism *mechanism = &m->mechanism;
-    double steps = (double)m->steps + (double)sample / SAMPLES;
+    double steps = (double)m->steps + (double)sample / SAMPLES_PER_STEP;
     double energy[3] = {0.0, 0.0, 0.0};
     dph_verdict verdict = {DPH_STATUS_OK, DPH_PHASE_IDLE, 0, 0.0, 0.0};
     Reference reference[3];
@@ -237,7 +237,7 @@ void model_step(void *model, uint32_t n, const ModelLog *log)
         verdict = mechanism_update(&m->mechanism, &m->drive, m->axis, 2);
     if (verdict.status != DPH_STATUS_OK)
         trips_stop(m, &verdict, (double)m->steps, log);
-    for (uint64_t sample = 0; sample < (uint64_t)n * SAMPLES && !is_over(m); ++sample)
+    for (uint64_t sample = 0; sample < (uint64_t)n * SAMPLES_PER_STEP && !is_over(m); ++sample)
         run_period(m, sample, log);
     m->steps += n;
     write_outputs(m, n * MODEL_STEP);
