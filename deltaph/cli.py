@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import json
+import re
 import shutil
+import signal
 import subprocess
 import sys
 from importlib.metadata import version
@@ -19,7 +22,7 @@ from deltaph.files import STDOUT, check_writable, replace, write_text
 app = typer.Typer(
     name="deltaph",
     help="Pick-and-place of Delta robots on Pythagorean-hodograph corners that keep a prescribed deviation.",
-    epilog="Exit codes: 0 fine, 1 expectation missed or plant tripped, 2 usage, scenario or environment error, 3 infeasible plan.",
+    epilog="Exit codes: 0 fine, 1 expectation missed or trip, 2 wrong input or environment, 3 infeasible, 130 interrupted.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -93,8 +96,8 @@ def plan(
     from deltaph.report import phase_facts, plan_facts, print_checks, print_plan
     from deltaph.scenario import load_scenario
 
-    if not 0.0 < sample_ms < float("inf"):
-        raise DeltaphError(f"--sample-ms is {sample_ms:g}: give a time above 0 ms")
+    if not 1e-3 <= sample_ms < float("inf"):
+        raise DeltaphError(f"--sample-ms is {sample_ms:g}: give a time of at least 0.001 ms")
     case = load_scenario(scenario)
     check_writable(csv, plot, json_file)
     found = Plan.of(case)
@@ -153,7 +156,7 @@ def run(
         bool, typer.Option("--realtime", help="keep the communication points on the clock; without it: as fast as possible")
     ] = False,
     cycles: Annotated[
-        int | None, typer.Option("--cycles", metavar="N", help="there and back N times; without it: one way", min=1)
+        int | None, typer.Option("--cycles", metavar="N", help="there and back N times; without it: one way", min=1, max=100_000)
     ] = None,
     telemetry: Annotated[bool, typer.Option("--telemetry/--no-telemetry", help="publish over Zenoh")] = True,
     connect: ConnectOption = None,
@@ -204,8 +207,11 @@ def record(
     Example: deltaph record -o paper.rrd   (then, elsewhere: deltaph run scenarios/paper.toml --realtime --wait-subscribers 1)
     """
     from deltaph.record import record_cell
+    from deltaph.scenario_file import CELL_NAME
 
     check_writable(output)
+    if not re.fullmatch(CELL_NAME, cell):
+        raise DeltaphError(f"--cell {cell!r}: a cell's name has letters, digits, '_', '.' and '-' only")
     record_cell(cell, tuple(connect or ("tcp/127.0.0.1:7447",)), output, Console(stderr=True))
 
 
@@ -236,10 +242,16 @@ UsageError: Any = typer.BadParameter.__bases__[0]  # typer carries its parser in
 
 def main() -> None:
     """Entry point: every failure is one line on standard error and an exit code."""
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.default_int_handler)  # end as Ctrl-C does: with a readable recording
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
     try:
         code = app(standalone_mode=False) or 0
         if code == INTERRUPTED:  # typer makes this of Ctrl-C
             _fail("interrupted", code)
+        sys.stdout.flush()
     except InfeasibleError as error:
         code = _fail(f"infeasible: {error}", error.exit_code)
     except DeltaphError as error:
@@ -249,6 +261,9 @@ def main() -> None:
     except BrokenPipeError:
         sys.stderr.close()  # the reader of our output has gone, and nobody is left to tell
         code = 2
+    except OSError as error:
+        where = f" {error.filename}" if error.filename else ""
+        code = _fail(f"error: the system refuses{where}: {error.strerror or error}", 2)
     except (KeyboardInterrupt, typer.Abort):
         code = _fail("interrupted", INTERRUPTED)
     sys.exit(code)

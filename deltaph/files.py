@@ -26,6 +26,8 @@ def check_writable(*paths: Path | None) -> None:
             continue
         if path.is_dir():
             raise EnvironmentProblem(f"cannot write {path}: it is a directory, name a file in it")
+        if path.exists() and not path.is_file():
+            raise EnvironmentProblem(f"cannot write {path}: it is not a regular file; - is standard output")
         if not path.parent.is_dir():
             raise EnvironmentProblem(f"cannot write {path}: there is no directory {path.parent}")
         if not os.access(path if path.exists() else path.parent, os.W_OK):
@@ -52,10 +54,13 @@ def _write_with(path: Path, write: Callable[[IO[str]], object]) -> None:
 def replace(path: Path, produce: Callable[[Path], object]) -> None:
     """Let `produce` write a temporary file with the same suffix beside `path`, then put it in place.
 
+    A link is followed: what it points to is replaced.
+
     Raises:
         EnvironmentProblem: the file cannot be written; nothing is left behind.
     """
     try:
+        path = path.resolve()
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
         os.close(handle)
         temporary = Path(name)

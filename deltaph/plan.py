@@ -231,9 +231,11 @@ class Plan:
         for quantity, unit in (("velocity", "rad/s"), ("acceleration", "rad/s2"), ("jerk", "rad/s3"), ("torque", "N.m")):
             pairs = zip(getattr(self.peaks, f"joint_{quantity}"), getattr(limits, f"joint_{quantity}"), strict=True)
             found += [
-                Violation(f"joint {i} {quantity}", peak, limit, unit) for i, (peak, limit) in enumerate(pairs, 1) if peak > limit
+                Violation(f"joint {i} {quantity}", peak, limit, unit)
+                for i, (peak, limit) in enumerate(pairs, 1)
+                if not peak <= limit
             ]
-        if self.peaks.tcp_speed > limits.tcp_speed:
+        if not self.peaks.tcp_speed <= limits.tcp_speed:
             found.append(Violation("tcp speed", self.peaks.tcp_speed, limits.tcp_speed, "m/s"))
         return found
 

@@ -40,5 +40,7 @@ def record_cell(cell: str, connect: Sequence[str], output: Path, log: Console) -
     lost = sum(subscriber.missing.values())
     received = subscriber.received["actual"]
     log.print(
-        f"recorded {output}: {received} frames, {lost or 'no'} messages lost; open it with `deltaph view {output}`", style="dim"
+        f"recorded {output}: {received} frames, {lost or 'no'} messages lost; open it with `deltaph view {output}`",
+        style="dim",
+        soft_wrap=True,
     )

@@ -131,7 +131,8 @@ def print_run(
         if executed:
             worst = max(executed)
             prescribed, planned = plan.task.corner_deviation[i], plan.corner_deviation[i]
-            verdict = _mark(worst <= prescribed + tolerance)
+            excess = worst - prescribed - tolerance
+            verdict = _mark(excess <= 0.0) + ("" if excess <= 0.0 else f", by {1e3 * excess:.4f} mm")
             corners.add_row(
                 side,
                 f"{1e3 * prescribed:g}",

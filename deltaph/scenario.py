@@ -268,7 +268,7 @@ def load_scenario(path: Path) -> Scenario:
         ScenarioError: it cannot be read, is not TOML, or is not a scenario; names file, key, value and what would be right.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise ScenarioError(f"cannot read scenario {path}: {reason}") from error

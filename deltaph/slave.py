@@ -149,7 +149,10 @@ class Slave:
 
     def step(self, time: float, size: float) -> None:
         """One communication step [s]."""
-        self._fmu.fmi3DoStep(self._component, time, size, True, *self._after_step)
+        try:
+            self._fmu.fmi3DoStep(self._component, time, size, True, *self._after_step)
+        except FMICallException as error:
+            raise DeltaphError(f"{self.table.model} cannot step at {time:g} s: {self._last_message()}") from error
 
     def _last_message(self) -> str:
         return self.messages[-1] if self.messages else "it gives no reason"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -72,7 +73,11 @@ class Recorder:
         self._summary = markdown, summary_json
 
     def close(self) -> None:
-        """Write what is left and finish the file. A second call does nothing."""
+        """Write what is left and finish the file. A second call does nothing.
+
+        Raises:
+            EnvironmentProblem: the file could not be written to its end; it is removed.
+        """
         if self._closed:
             return
         self._closed = True
@@ -86,6 +91,7 @@ class Recorder:
         finally:
             if self._open_stream is not None:
                 self._open_stream.disconnect()
+                _check_complete(self._path)
 
     @property
     def _stream(self) -> rr.RecordingStream:
@@ -195,3 +201,20 @@ def _check_writable(path: Path) -> None:
         raise EnvironmentProblem(f"cannot write {path}: {error.strerror or error}") from error
     if not existed:
         path.unlink()
+
+
+def _check_complete(path: Path) -> None:
+    """Look for the footer: the writing thread of Rerun only warns when it fails, on a full disk for one.
+
+    Raises:
+        EnvironmentProblem: there is none; the file is removed.
+    """
+    from rerun.chunk import RrdReader
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            RrdReader(path).store()
+        except (RuntimeError, ValueError, OSError) as error:
+            path.unlink(missing_ok=True)
+            raise EnvironmentProblem(f"cannot write {path}: the recording did not become whole; is the disk full?") from error

@@ -17,7 +17,8 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """Where a cell listens when nothing else is asked for."""
 
 # A message that waits in the sender's queue for longer than `wait_before_drop` is lost, and Zenoh does not say so. The publisher
-# has a thread of its own (BackgroundSink), so it may wait: what is then too much is dropped, and counted, at that thread's queue.
+# has a thread of its own (BackgroundSink), so it may wait: most of what is too much is then dropped, and counted, at that
+# thread's queue. What a stopped subscriber loses in Zenoh or in the network shows as gaps in its sequence numbers alone.
 _QUEUE_BATCHES = 16
 _WAIT_BEFORE_DROP_US = 100_000
 

@@ -27,7 +27,7 @@ AXES: tuple[Color, ...] = ((230, 90, 90), (110, 200, 90), (90, 140, 240))
 
 _HEAD = ("sequence", "time", "unix_time_ns")
 _ENTITIES = {"path/vertex_distance": "path/deviation"}
-_JOINED = ("joint_tracking_error", "tcp_tracking_error")  # recorded as setpoint - actual, which is what the plant's own figures are
+_JOINED = ("joint_tracking_error", "tcp_tracking_error")  # recorded as setpoint - actual; the plant extrapolates the setpoint
 
 
 @dataclass(frozen=True, slots=True)

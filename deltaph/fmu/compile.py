@@ -22,7 +22,10 @@ FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibili
 
 def _system_compiler() -> tuple[str, ...] | None:
     """The command `$CC` names, else the first of cc, gcc, clang; None where there is none of them."""
-    chosen = shlex.split(os.environ.get("CC", ""))
+    try:
+        chosen = shlex.split(os.environ.get("CC", ""))
+    except ValueError as error:
+        raise EnvironmentProblem(f"CC={os.environ['CC']!r} is not a command: {error}") from error
     if chosen:
         found = shutil.which(chosen[0])
         if found is None:

@@ -7,6 +7,7 @@ import os
 from collections.abc import Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from zipfile import is_zipfile
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.files import replace
@@ -98,7 +99,7 @@ def cached_fmus() -> dict[Model, Path]:
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "deltaph"
     folder = cache / _cache_key()
     paths = {model: folder / package.file_name(model, 3) for model in MODELS}
-    if all(path.is_file() for path in paths.values()):
+    if all(is_zipfile(path) for path in paths.values()):
         return paths
     _make_directory(folder)
     fmus = _compiled([(model, 3) for model in MODELS])

@@ -19,7 +19,8 @@ dph_verdict dph_path_make(dph_plan *plan)
         dph_side *side = &plan->side[which];
         dph_corner *corner = &side->corner.corner;
         dph_corner_from_deviation(task->corner_deviation[which], corner);
-        if (corner->leg >= task->lift[which])
+        /* A lift is left that the clock can tell from none. */
+        if (!(corner->leg <= (1.0 - 1e-9) * task->lift[which]))
             return dph_refuse(DPH_STATUS_LIFT_TOO_LOW, which == 0 ? DPH_PHASE_PICK_CORNER : DPH_PHASE_PLACE_CORNER, 0,
                               corner->deviation, task->lift[which] * (corner->deviation / corner->leg));
         side->lift_length = task->lift[which] - corner->leg;

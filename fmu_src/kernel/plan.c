@@ -12,28 +12,44 @@ static const double longest = 3600.0;
 /* Heights that differ by less are level: a thousand times the rounding error of metres written as millimetres. */
 static const double level_tolerance = 1e-9;
 
+/* What a Delta robot can be asked for: far beyond any, and within it nothing overflows, and no phase is lost in the rounding of the clock. */
+static const double greatest_length = 100.0, least_length = 1e-7;
+static const double greatest_speed = 1e3, least_speed = 1e-6;
+static const double greatest_payload = 1e6;
+
+/* Accept a value in [least, most]; nothing else, no NaN either. */
+static dph_verdict within(double value, double least, double most)
+{
+    if (value >= least && value <= most)
+        return dph_accept();
+    return dph_refuse(DPH_STATUS_INVALID_VALUE, DPH_PHASE_IDLE, 0, value > most ? most : least, value);
+}
+
 static dph_verdict task_check(const dph_task *task)
 {
-    for (int i = 0; i < 3; ++i) {
-        if (!isfinite(task->pick[i]))
-            return dph_refuse(DPH_STATUS_INVALID_VALUE, DPH_PHASE_IDLE, 0, -INFINITY, task->pick[i]);
-        if (!isfinite(task->place[i]))
-            return dph_refuse(DPH_STATUS_INVALID_VALUE, DPH_PHASE_IDLE, 0, -INFINITY, task->place[i]);
+    const double checks[][3] = {
+        /* value, least, most */
+        {task->pick[0], -greatest_length, greatest_length},
+        {task->pick[1], -greatest_length, greatest_length},
+        {task->pick[2], -greatest_length, greatest_length},
+        {task->place[0], -greatest_length, greatest_length},
+        {task->place[1], -greatest_length, greatest_length},
+        {task->place[2], -greatest_length, greatest_length},
+        {task->lift[0], least_length, greatest_length},
+        {task->lift[1], least_length, greatest_length},
+        {task->corner_deviation[0], least_length, greatest_length},
+        {task->corner_deviation[1], least_length, greatest_length},
+        {task->corner_entry_speed, least_speed, greatest_speed},
+        {task->corner_mid_speed, least_speed, greatest_speed},
+        {task->traverse_speed, least_speed, greatest_speed},
+        {task->payload, 0.0, greatest_payload},
+        {task->overlap, 0.0, 1.0},
+    };
+    for (size_t i = 0; i < sizeof checks / sizeof *checks; ++i) {
+        dph_verdict verdict = within(checks[i][0], checks[i][1], checks[i][2]);
+        if (verdict.status != DPH_STATUS_OK)
+            return verdict;
     }
-    const double positive[] = {task->lift[0],
-                               task->lift[1],
-                               task->corner_deviation[0],
-                               task->corner_deviation[1],
-                               task->corner_entry_speed,
-                               task->corner_mid_speed,
-                               task->traverse_speed};
-    for (size_t i = 0; i < sizeof positive / sizeof *positive; ++i)
-        if (!(positive[i] > 0.0) || !isfinite(positive[i]))
-            return dph_refuse(DPH_STATUS_INVALID_VALUE, DPH_PHASE_IDLE, 0, 0.0, positive[i]);
-    if (!(task->payload >= 0.0) || !isfinite(task->payload))
-        return dph_refuse(DPH_STATUS_INVALID_VALUE, DPH_PHASE_IDLE, 0, 0.0, task->payload);
-    if (!(task->overlap >= 0.0 && task->overlap <= 1.0))
-        return dph_refuse(DPH_STATUS_INVALID_VALUE, DPH_PHASE_IDLE, 0, 0.0, task->overlap);
 
     double begin = task->pick[2] + task->lift[0], end = task->place[2] + task->lift[1];
     if (!(fabs(begin - end) <= level_tolerance))
@@ -45,7 +61,7 @@ static dph_verdict task_check(const dph_task *task)
  * milliseconds but for rounding from taking one more. */
 static void align(dph_plan *plan)
 {
-    plan->duration_ms = (int)ceil(1e3 * plan->nominal_duration - 1e-9);
+    plan->duration_ms = (int)fmax(ceil(1e3 * plan->nominal_duration - 1e-9), 1.0);
     plan->duration = plan->duration_ms / 1e3;
     plan->speed_factor = fmin(plan->nominal_duration / plan->duration, 1.0);
 }
@@ -60,7 +76,7 @@ static void planar_at(const dph_plan *plan, int piece, double nominal_time, dph_
     case DPH_LAW_COMPARISON:
         dph_superposition_at(plan, piece, nominal_time, motion);
         break;
-    case DPH_LAW_TIME_OPTIMAL:
+    default: /* DPH_LAW_TIME_OPTIMAL */
         dph_time_optimal_at(plan, piece, nominal_time, motion);
         break;
     }

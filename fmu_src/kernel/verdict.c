@@ -57,7 +57,8 @@ void dph_verdict_text(const dph_verdict *verdict, char *text, int size)
         snprintf(text, n, "the robot is not valid: a length, mass or angle is %.6g where %.6g is the bound", available, required);
         return;
     case DPH_STATUS_INVALID_VALUE:
-        snprintf(text, n, "the task has the value %.6g where a finite one above %.6g is needed", available, required);
+        snprintf(text, n, "the task has the value %.6g where one of %s %.6g is needed", available,
+                 available > required ? "at most" : "at least", required);
         return;
     case DPH_STATUS_NOT_LEVEL:
         snprintf(text, n, "the traverse would not be level: it begins at z = %.6g mm and ends at z = %.6g mm; change a lift height by %.6g mm",

@@ -145,6 +145,32 @@ def test_bad_arguments(tmp_path: Path, arguments: list[object], words: list[str]
     assert list(tmp_path.iterdir()) == []
 
 
+def test_an_output_that_is_no_regular_file_is_left_alone(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for option in ("--json", "--csv"):
+        assert_refused(deltaph("plan", PAPER, option, "pipe", cwd=tmp_path), 2, "not a regular file")
+    assert (tmp_path / "pipe").is_fifo()
+    (tmp_path / "real.json").write_text("old")
+    (tmp_path / "link.json").symlink_to("real.json")
+    assert deltaph("plan", PAPER, "--json", "link.json", cwd=tmp_path).returncode == 0
+    assert (tmp_path / "link.json").is_symlink()
+    assert json.loads((tmp_path / "real.json").read_text())["law"] == "paper"
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("corner_mid_speed_m_s = 0.8", "corner_mid_speed_m_s = 1e30"),
+        ("traverse_speed_m_s = 2.4", "traverse_speed_m_s = 1e17"),
+        ("corner_deviation_mm = 6.0 ", "corner_deviation_mm = 1e-15 "),
+        ("lift_mm = 50.0 ", "lift_mm = 1e30 "),
+    ],
+)
+def test_values_beyond_any_robot_are_refused(tmp_path: Path, old: str, new: str) -> None:
+    (tmp_path / "wild.toml").write_text(template().replace(old, new))
+    assert_refused(deltaph("plan", "wild.toml", cwd=tmp_path), 3, "is needed")
+
+
 def test_no_compiler(tmp_path: Path) -> None:
     result = deltaph("run", PAPER, cwd=tmp_path, env={"PATH": str(tmp_path), "CC": "no-such-compiler"})
     assert_refused(result, 2, "C compiler")
@@ -222,7 +248,8 @@ def test_a_trip_is_exit_code_1_unless_it_is_expected(tmp_path: Path) -> None:
         assert executed["trip_time_s"] == pytest.approx(0.2686, abs=2e-3)
 
 
-def test_interrupt_leaves_a_readable_recording(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupt_leaves_a_readable_recording(tmp_path: Path, number: signal.Signals) -> None:
     command = [
         DELTAPH,
         "run",
@@ -243,7 +270,7 @@ def test_interrupt_leaves_a_readable_recording(tmp_path: Path) -> None:
             assert time.monotonic() < deadline
             assert process.poll() is None
             time.sleep(0.01)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         _, errors = process.communicate(timeout=30.0)
     assert process.returncode == 130
     assert errors.splitlines()[-1] == "deltaph: interrupted"
