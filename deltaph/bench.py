@@ -159,7 +159,7 @@ def run_benchmarks(scenario: Scenario, console: Console) -> None:
     console.print(f"the paper: {PAPER_US:g} us for one PPO, positions only, at 2.13 GHz: {PAPER_US / both:.1f} times as long")
     missing = [name for name in ("toppra", "ruckig") if _module(name) is None]
     if missing:
-        console.print(f"not installed: {', '.join(missing)} (pip install 'deltaph[bench]')")
+        console.print(f"not installed: {', '.join(missing)} (pip install 'deltaph[bench]')", markup=False)
 
     run, fmus = schedule(scenario, CYCLES), cached_fmus()
     list(cosimulate(scenario, schedule(scenario), fmus))  # warms up
