@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import re
 import shutil
 import signal
 import subprocess
@@ -207,11 +206,8 @@ def record(
     Example: deltaph record -o paper.rrd   (then, elsewhere: deltaph run scenarios/paper.toml --realtime --wait-subscribers 1)
     """
     from deltaph.record import record_cell
-    from deltaph.scenario_file import CELL_NAME
 
     check_writable(output)
-    if not re.fullmatch(CELL_NAME, cell):
-        raise DeltaphError(f"--cell {cell!r}: a cell's name has letters, digits, '_', '.' and '-' only")
     record_cell(cell, tuple(connect or ("tcp/127.0.0.1:7447",)), output, Console(stderr=True))
 
 
@@ -243,7 +239,8 @@ UsageError: Any = typer.BadParameter.__bases__[0]  # typer carries its parser in
 def main() -> None:
     """Entry point: every failure is one line on standard error and an exit code."""
     for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.default_int_handler)  # end as Ctrl-C does: with a readable recording
+        if signal.getsignal(number) is signal.SIG_DFL:  # nohup's wish to ignore one is kept
+            signal.signal(number, signal.default_int_handler)  # end as Ctrl-C does: with a readable recording
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")

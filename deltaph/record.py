@@ -9,11 +9,12 @@ from pathlib import Path
 
 from rich.console import Console
 
+from deltaph.errors import DeltaphError
 from deltaph.plan import Plan
 from deltaph.report import summary_markdown
 from deltaph.scenario import scenario_from_json
 from deltaph.scene import scene_of
-from deltaph.telemetry import Recorder, Subscriber
+from deltaph.telemetry import CellKeys, Recorder, Subscriber
 
 
 def record_cell(cell: str, connect: Sequence[str], output: Path, log: Console) -> None:
@@ -22,6 +23,10 @@ def record_cell(cell: str, connect: Sequence[str], output: Path, log: Console) -
     Raises:
         DeltaphError: nothing answers, the cell does not say what it runs, or the file cannot be written.
     """
+    try:
+        CellKeys(cell)
+    except ValueError as error:
+        raise DeltaphError(str(error)) from error
     with ExitStack() as stack:
         with log.status(f"waiting for cell {cell} on {' or '.join(connect)}"):
             subscriber = stack.enter_context(Subscriber(cell, connect))

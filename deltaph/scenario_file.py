@@ -32,10 +32,6 @@ def _one_of(value: str, choices: tuple[str, ...]) -> str:
     return value
 
 
-CELL_NAME = r"^[A-Za-z0-9_.-]+$"
-"""What a cell may be called: one plain chunk of a Zenoh key."""
-
-
 class Section(BaseModel):
     """A table of the file."""
 
@@ -187,7 +183,7 @@ class RunSection(Section):
 
     communication_step_ms: float = Field(1.0, gt=0, le=1000, description="a whole multiple of 1 ms")
     settle_ms: float = Field(50.0, ge=0, le=600_000, description="co-simulated after arrival")
-    cell: Annotated[str, MinLen(1)] = Field("cell1", pattern=CELL_NAME, description="name of the cell in Zenoh keys")
+    cell: Annotated[str, MinLen(1)] = Field("cell1", pattern=r"^[A-Za-z0-9_.-]+$", description="name of the cell in Zenoh keys")
 
     @model_validator(mode="after")
     def _grid(self) -> Self:

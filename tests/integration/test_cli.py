@@ -136,6 +136,7 @@ def test_bad_scenarios(tmp_path: Path, old: str, new: str, code: int, words: lis
         (["run", PAPER, "--listen", "nonsense"], ["'nonsense' is not a Zenoh endpoint"]),
         (["build", "--fmi", "4"], ["--fmi is '4'"]),
         (["build", "--platform", "amiga"], ["amiga"]),
+        (["record", "-o", "x.rrd", "--cell", "a/b"], ["'a/b'", "letters, digits"]),
         (["view", "none.rrd"], ["there is no recording none.rrd"]),
         (["fly"], ["No such command"]),
     ],
