@@ -154,6 +154,10 @@ def run(
     realtime: Annotated[
         bool, typer.Option("--realtime", help="keep the communication points on the clock; without it: as fast as possible")
     ] = False,
+    priority: Annotated[
+        int, typer.Option("--realtime-priority", metavar="N", help="1 to 99: SCHED_FIFO for the step loop, memory locked", min=0, max=99)
+    ] = 0,
+    cpu: Annotated[int | None, typer.Option("--cpu", metavar="N", help="processor for the step loop", min=0)] = None,
     cycles: Annotated[
         int | None, typer.Option("--cycles", metavar="N", help="there and back N times; without it: one way", min=1, max=100_000)
     ] = None,
@@ -171,14 +175,17 @@ def run(
 
     Example: deltaph run scenarios/paper.toml --record paper.rrd && deltaph view paper.rrd
     """
+    from deltaph.pacing import Undisturbed
     from deltaph.run import Options, run_scenario
 
     if not telemetry and (connect or listen or wait_subscribers):
         raise DeltaphError("--connect, --listen and --wait-subscribers need telemetry: leave out --no-telemetry")
+    if not realtime and (priority or cpu is not None):
+        raise DeltaphError("--realtime-priority and --cpu are for the real-time loop: add --realtime")
     check_writable(record, json_file, csv)
     options = Options(
         record=record,
-        realtime=realtime,
+        realtime=Undisturbed(priority, cpu) if realtime else None,
         cycles=cycles,
         telemetry=telemetry,
         connect=tuple(connect or ()),

@@ -20,7 +20,7 @@ class Frame(NamedTuple):
         planner_integers: all other outputs of the planner in table order (m,).
         plant_floats: Float64 outputs of the plant in table order, SI (n,).
         plant_integers: all other outputs of the plant in table order (m,).
-        timing: in the order of TIMING (6,).
+        timing: in the order of TIMING (k,).
     """
 
     step: int
@@ -38,8 +38,16 @@ TIMING: tuple[tuple[str, str, str], ...] = (
     ("plant_step", "s", "Duration of the plant's step that led to this communication point"),
     ("publish", "s", "Time the step loop spent handing the previous frame to the sinks"),
     ("lateness", "s", "Wake-up after the deadline of this communication point; 0 when not in real time"),
-    ("missed_deadlines", "1", "Communication points so far that were reached later than their deadline"),
+    ("missed_deadlines", "1", "Communication points so far that were reached later than their deadline and the tolerance"),
     ("real_time_factor", "1", "Simulated time over elapsed time since the first step"),
+    ("missed_by_planner", "1", "Of those: the planner's step took too long"),
+    ("missed_by_plant", "1", "Of those: the plant's step took too long"),
+    ("missed_by_publish", "1", "Of those: handing the frame to the sinks took too long"),
+    ("missed_by_exchange", "1", "Of those: what the loop does besides took too long"),
+    ("missed_by_system", "1", "Of those: woken late by the system"),
+    ("missed_by_consumer", "1", "Of those: woken late while the sinks' threads computed"),
+    ("slipped_steps", "1", "Whole steps so far by which the deadlines moved, because nothing is caught up"),
+    ("dropped_frames", "1", "Frames so far that a sink did not get: its queue was full, or it had failed"),
 )
 """Name, unit and description of the columns of `Frame.timing`."""
 

@@ -6,10 +6,11 @@ so that this exchange shows no millisecond of lag as tracking error.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +18,7 @@ import numpy as np
 
 from deltaph.fmu.terminals import JOINTS, MEMBERS
 from deltaph.frame import TIMING, Frame
+from deltaph.pacing import Account, Pacer, Undisturbed, undisturbed
 from deltaph.plan import Plan
 from deltaph.scenario import Fault, Limits, Scenario, Task
 from deltaph.slave import Slave
@@ -186,56 +188,119 @@ class _Faults:
             self._plant.set(self._pending.pop(0)[1])
 
 
-def cosimulate(scenario: Scenario, run: Schedule, fmus: Mapping[Model, Path], *, realtime: bool = False) -> Iterator[Frame]:
+def cosimulate(
+    scenario: Scenario,
+    run: Schedule,
+    fmus: Mapping[Model, Path],
+    *,
+    realtime: Undisturbed | None = None,
+    dropped: Callable[[], int] = lambda: 0,
+    rows: int | None = None,
+) -> Iterator[Frame]:
     """Co-simulate a scenario; yields frame 0, the initial state, and one frame per step.
 
     Args:
         scenario: what to run.
         run: its schedule.
         fmus: the FMI 3.0 FMUs.
-        realtime: keep the communication points on the monotonic clock.
+        realtime: keep the communication points on the monotonic clock, with this asked of the system; None runs as fast as it can.
+        dropped: frames that the sinks did not get so far; goes into the timing.
+        rows: frames whose memory is kept: the arrays of a frame are written again so many frames later. None keeps all.
 
     Raises:
-        DeltaphError: an FMU refuses its parameters.
+        DeltaphError: an FMU refuses its parameters, or the system what is asked of it.
     """
     size = run.communication_step_ms / 1000.0
-    with (
-        tempfile.TemporaryDirectory(prefix="deltaph-") as directory,
-        Slave("planner", fmus["planner"], Path(directory)) as planner,
-        Slave("plant", fmus["plant"], Path(directory)) as plant,
-    ):
-        planner.set(planner_values(scenario))
-        plant.set(plant_values(scenario))
-        link = _Link(planner, plant)
+    with tempfile.TemporaryDirectory(prefix="deltaph-") as directory, contextlib.ExitStack() as stack:
+        if realtime is not None:
+            _warm_up(scenario, fmus, Path(directory) / "warm-up", size)
+        planner, plant, link = _cell(scenario, fmus, Path(directory), stack)
         requests = _Request(planner, run)
         faults = _Faults(plant, scenario.faults, run.communication_step_ms)
-        planner.initialize(0.0)
-        planner.start()
-        planner.read()
-        plant.initialize(0.0)
-        link.move()
-        plant.write()
-        plant.start()
-        plant.read()
-        yield from _loop(planner, plant, link, requests, faults, run.steps, size, realtime)
+        pool = _Rows(planner, plant, min(run.steps + 1, rows or run.steps + 1))
+        pacer = None
+        if realtime is not None:
+            pacer = Pacer(run.communication_step_ms * 1_000_000)
+            stack.enter_context(undisturbed(realtime))
+        yield from _loop(planner, plant, link, requests, faults, run.steps, size, pool, pacer, dropped)
+
+
+def _cell(scenario: Scenario, fmus: Mapping[Model, Path], directory: Path, stack: contextlib.ExitStack) -> tuple[Slave, Slave, _Link]:
+    """Both FMUs in their initial state, and what links them."""
+    planner = stack.enter_context(Slave("planner", fmus["planner"], directory))
+    plant = stack.enter_context(Slave("plant", fmus["plant"], directory))
+    planner.set(planner_values(scenario))
+    plant.set(plant_values(scenario))
+    link = _Link(planner, plant)
+    planner.initialize(0.0)
+    planner.start()
+    planner.read()
+    plant.initialize(0.0)
+    link.move()
+    plant.write()
+    plant.start()
+    plant.read()
+    return planner, plant, link
+
+
+WARM_UP_STEPS = 50
+"""Enough for every page of code and data that a step touches; another pair of instances takes them, so that the state is untouched."""
+
+
+def _warm_up(scenario: Scenario, fmus: Mapping[Model, Path], directory: Path, size: float) -> None:
+    with contextlib.ExitStack() as stack:
+        planner, plant, link = _cell(scenario, fmus, directory, stack)
+        pacer = Pacer(round(size * 1e9))
+        pacer.begin()
+        for n in range(WARM_UP_STEPS):
+            link.move()
+            plant.write()
+            planner.step(n * size, size)
+            plant.step(n * size, size)
+            planner.read()
+            plant.read()
+            pacer.wait(0.0, 0.0, 0.0)
+
+
+class _Rows:
+    """The memory of frames, allocated and touched before the first step; row n serves frame n, n + count, ..."""
+
+    def __init__(self, planner: Slave, plant: Slave, count: int) -> None:
+        self.count = count
+        self.arrays = (
+            np.zeros((count, len(planner.outputs))),
+            np.zeros((count, len(planner.integers)), dtype=np.int32),
+            np.zeros((count, len(plant.outputs))),
+            np.zeros((count, len(plant.integers)), dtype=np.int32),
+            np.zeros((count, len(TIMING))),
+        )
+        for array in self.arrays:
+            array.fill(0)  # zeros of the system are no memory yet: the first write to a page is a fault
+        self.views = tuple(array.view() for array in self.arrays)
+        for view in self.views:
+            view.setflags(write=False)
 
 
 def _loop(
-    planner: Slave, plant: Slave, link: _Link, requests: _Request, faults: _Faults, steps: int, size: float, realtime: bool
+    planner: Slave,
+    plant: Slave,
+    link: _Link,
+    requests: _Request,
+    faults: _Faults,
+    steps: int,
+    size: float,
+    rows: _Rows,
+    pacer: Pacer | None,
+    dropped: Callable[[], int],
 ) -> Iterator[Frame]:
-    """The step loop. All frames' memory is allocated here, before the first step."""
-    planner_floats = np.empty((steps + 1, len(planner.outputs)))
-    planner_integers = np.empty((steps + 1, len(planner.integers)), dtype=np.int32)
-    plant_floats = np.empty((steps + 1, len(plant.outputs)))
-    plant_integers = np.empty((steps + 1, len(plant.integers)), dtype=np.int32)
-    timing = np.zeros((steps + 1, len(TIMING)))
-    views = [array.view() for array in (planner_floats, planner_integers, plant_floats, plant_integers, timing)]
-    for view in views:
-        view.setflags(write=False)
-
-    clock, missed, publish = time.perf_counter, 0, 0.0
-    begin = clock()
+    """The step loop."""
+    planner_floats, planner_integers, plant_floats, plant_integers, timing = rows.arrays
+    clock, publish = time.perf_counter, 0.0
     planner_step = plant_step = lateness = 0.0
+    account = Account() if pacer is None else pacer.account
+    begin = clock()
+    if pacer is not None:
+        pacer.begin()
     for n in range(steps + 1):
         if n > 0:
             t = (n - 1) * size
@@ -251,20 +316,17 @@ def _loop(
             planner_step, plant_step = t1 - t0, t2 - t1
             planner.read()
             plant.read()
-            if realtime:
-                deadline = begin + n * size
-                slack = deadline - clock()
-                if slack > 0.0:
-                    time.sleep(slack)
-                else:
-                    missed += 1
-                lateness = clock() - deadline
+            if pacer is not None:
+                lateness = pacer.wait(planner_step, plant_step, publish)
         elapsed = clock() - begin
-        planner_floats[n] = planner.outputs
-        planner_integers[n] = planner.integers
-        plant_floats[n] = plant.outputs
-        plant_integers[n] = plant.integers
-        timing[n] = planner_step, plant_step, publish, lateness, missed, n * size / elapsed
+        row = n % rows.count
+        planner_floats[row] = planner.outputs
+        planner_integers[row] = planner.integers
+        plant_floats[row] = plant.outputs
+        plant_integers[row] = plant.integers
+        missed = account.missed
+        factor = n * size / elapsed
+        timing[row] = planner_step, plant_step, publish, lateness, sum(missed), factor, *missed, account.slipped, dropped()
         t3 = clock()
-        yield Frame(n, n * size, time.time_ns(), *(view[n] for view in views))
+        yield Frame(n, n * size, time.time_ns(), *(view[row] for view in rows.views))
         publish = clock() - t3

@@ -11,6 +11,7 @@ from rich.table import Table
 
 from deltaph.checks import Check, deviation_tolerance
 from deltaph.execution import Execution, Trace, percentiles
+from deltaph.pacing import CAUSES, HISTOGRAM_US, histogram
 from deltaph.plan import Plan
 from deltaph.scenario import Scenario
 
@@ -61,11 +62,16 @@ def executed_facts(execution: Execution) -> dict[str, Any]:
 def timing_facts(trace: Trace) -> dict[str, Any]:
     """The `timing` object of `run --json`; frame 0 is not a step."""
     steps = trace.timing_of("planner_step")[1:] + trace.timing_of("plant_step")[1:]
+    lateness_us = 1e6 * trace.timing_of("lateness")[1:]
     return {
         "step_us": percentiles(steps),
-        "lateness_us": percentiles(trace.timing_of("lateness")[1:]),
+        "publish_us": percentiles(trace.timing_of("publish")[2:]),
+        "lateness_us": percentiles(1e-6 * lateness_us),
+        "lateness_histogram_us": {"up_to": list(HISTOGRAM_US), "count": histogram(lateness_us.tolist())},
         "real_time_factor": float(trace.timing_of("real_time_factor")[-1]),
         "missed_deadlines": int(trace.timing_of("missed_deadlines")[-1]),
+        "missed_by": {cause: int(trace.timing_of(f"missed_by_{cause}")[-1]) for cause in CAUSES},
+        "slipped_steps": int(trace.timing_of("slipped_steps")[-1]),
     }
 
 
@@ -115,7 +121,14 @@ def print_plan(console: Console, scenario: Scenario, plan: Plan) -> None:
 
 
 def print_run(
-    console: Console, scenario: Scenario, plan: Plan, execution: Execution, trace: Trace, checks: Sequence[Check]
+    console: Console,
+    scenario: Scenario,
+    plan: Plan,
+    execution: Execution,
+    trace: Trace,
+    checks: Sequence[Check],
+    *,
+    realtime: bool,
 ) -> None:
     """The summary of a run: planned and executed deviation side by side, tracking, load, time, expectations."""
     console.print(scenario.title, style="bold", markup=False, soft_wrap=True)
@@ -159,6 +172,16 @@ def print_run(
     timing = timing_facts(trace)
     facts.add_row("step of both FMUs", f"median {timing['step_us']['p50']:.0f} us, 99 % {timing['step_us']['p99']:.0f} us")
     facts.add_row("real-time factor", f"{timing['real_time_factor']:.2f}")
+    if realtime:
+        late, publishing = timing["lateness_us"], timing["publish_us"]
+        facts.add_row("lateness", f"median {late['p50']:.1f} us, 99 % {late['p99']:.0f} us, largest {late['max']:.0f} us")
+        bins = timing["lateness_histogram_us"]
+        names = [*(f"<= {bound} us" for bound in bins["up_to"]), "later"]
+        facts.add_row("", "  ".join(f"{name}: {count}" for name, count in zip(names, bins["count"], strict=True) if count))
+        facts.add_row("handing a frame to the sinks", f"median {publishing['p50']:.1f} us, 99 % {publishing['p99']:.0f} us")
+        causes = ", ".join(f"{cause} {count}" for cause, count in timing["missed_by"].items() if count)
+        slipped = f"; {timing['slipped_steps']} steps slipped" if timing["slipped_steps"] else ""
+        facts.add_row("missed deadlines", f"{timing['missed_deadlines']}{': ' + causes if causes else ''}{slipped}")
     console.print(facts)
 
     print_checks(console, checks)

@@ -17,6 +17,7 @@ from deltaph.execution import Trace, evaluate
 from deltaph.fmu import cached_fmus
 from deltaph.frame import Frame
 from deltaph.importer import Schedule, cosimulate, schedule
+from deltaph.pacing import Undisturbed
 from deltaph.report import executed_facts, plan_facts, print_run, summary_markdown, timing_facts
 from deltaph.scenario import load_scenario
 from deltaph.scene import scene_of
@@ -37,7 +38,7 @@ class Options:
     """How to run a scenario; see `deltaph run --help`."""
 
     record: Path | None = None
-    realtime: bool = False
+    realtime: Undisturbed | None = None
     cycles: int | None = None
     telemetry: bool = True
     connect: tuple[str, ...] = ()
@@ -100,7 +101,10 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
             stack.callback(recording.close)
 
         frames: list[Frame] = []
-        for frame in _with_progress(cosimulate(scenario, run, fmus, realtime=options.realtime), run, log):
+        stepping = cosimulate(
+            scenario, run, fmus, realtime=options.realtime, dropped=lambda: sum(sink.dropped for sink in sinks)
+        )
+        for frame in _with_progress(stepping, run, log):
             frames.append(frame)
             for sink in sinks:
                 sink.take(frame)
@@ -131,7 +135,7 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
         if recorder is not None:
             recorder.summary(summary_markdown(scenario, facts), json.dumps(facts))
 
-    print_run(console, scenario, plan, execution, trace, checks)
+    print_run(console, scenario, plan, execution, trace, checks, realtime=options.realtime is not None)
     if options.record is not None:
         log.print(f"recorded {options.record}: open it with `deltaph view {options.record}`", style="dim", soft_wrap=True)
     return Result(frames, facts, all(check.ok for check in checks))

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import threading
-from queue import SimpleQueue
+import time
+from collections import deque
 
 from deltaph.frame import Frame, Sink
+
+
+POLL = 5e-4
+"""Between two looks of an idle worker [s]. To wake it would cost the step loop a system call and a fight for the interpreter, tens of
+microseconds a frame; to be looked for costs it nothing."""
 
 
 class BackgroundSink:
@@ -21,7 +27,7 @@ class BackgroundSink:
             raise ValueError(f"capacity is {capacity}: at least one frame must be able to wait")
         self._sink = sink
         self._capacity = capacity
-        self._queue: SimpleQueue[Frame | threading.Event | None] = SimpleQueue()
+        self._queue: deque[Frame | threading.Event | None] = deque()
         self._refused = 0  # written by the caller's thread
         self._lost = 0  # written by the worker
         self._error: BaseException | None = None
@@ -36,15 +42,15 @@ class BackgroundSink:
 
     def take(self, frame: Frame) -> None:
         """Queue a frame, or count it as dropped. Never blocks; to be called from one thread."""
-        if self._queue.qsize() >= self._capacity:
+        if len(self._queue) >= self._capacity:
             self._refused += 1
         else:
-            self._queue.put(frame)
+            self._queue.append(frame)
 
     def drain(self) -> None:
         """Wait until the sink has taken all that waits."""
         reached = threading.Event()
-        self._queue.put(reached)
+        self._queue.append(reached)
         reached.wait()
 
     def close(self) -> None:
@@ -56,7 +62,7 @@ class BackgroundSink:
         if self._closed:
             return
         self.drain()
-        self._queue.put(None)
+        self._queue.append(None)
         self._thread.join()
         self._closed = True
         try:
@@ -66,7 +72,7 @@ class BackgroundSink:
                 raise self._error
 
     def _work(self) -> None:
-        while (item := self._queue.get()) is not None:
+        while (item := self._next()) is not None:
             if isinstance(item, threading.Event):
                 item.set()
             elif self._error is not None:
@@ -77,3 +83,8 @@ class BackgroundSink:
                 except BaseException as error:  # close raises it, where somebody listens
                     self._error = error
                     self._lost += 1
+
+    def _next(self) -> Frame | threading.Event | None:
+        while not self._queue:
+            time.sleep(POLL)
+        return self._queue.popleft()
