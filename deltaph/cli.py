@@ -155,7 +155,10 @@ def run(
         bool, typer.Option("--realtime", help="keep the communication points on the clock; without it: as fast as possible")
     ] = False,
     priority: Annotated[
-        int, typer.Option("--realtime-priority", metavar="N", help="1 to 99: SCHED_FIFO for the step loop, memory locked", min=0, max=99)
+        int,
+        typer.Option(
+            "--realtime-priority", metavar="N", help="1 to 99: SCHED_FIFO for the step loop, memory locked", min=0, max=99
+        ),
     ] = 0,
     cpu: Annotated[int | None, typer.Option("--cpu", metavar="N", help="processor for the step loop", min=0)] = None,
     cycles: Annotated[

@@ -225,7 +225,9 @@ def cosimulate(
         yield from _loop(planner, plant, link, requests, faults, run.steps, size, pool, pacer, dropped)
 
 
-def _cell(scenario: Scenario, fmus: Mapping[Model, Path], directory: Path, stack: contextlib.ExitStack) -> tuple[Slave, Slave, _Link]:
+def _cell(
+    scenario: Scenario, fmus: Mapping[Model, Path], directory: Path, stack: contextlib.ExitStack
+) -> tuple[Slave, Slave, _Link]:
     """Both FMUs in their initial state, and what links them."""
     planner = stack.enter_context(Slave("planner", fmus["planner"], directory))
     plant = stack.enter_context(Slave("plant", fmus["plant"], directory))
@@ -244,7 +246,7 @@ def _cell(scenario: Scenario, fmus: Mapping[Model, Path], directory: Path, stack
 
 
 WARM_UP_STEPS = 50
-"""Enough for every page of code and data that a step touches; another pair of instances takes them, so that the state is untouched."""
+"""Enough for every page of code and data that a step touches; other instances take them: the run's state is untouched."""
 
 
 def _warm_up(scenario: Scenario, fmus: Mapping[Model, Path], directory: Path, size: float) -> None:
@@ -327,6 +329,7 @@ def _loop(
         missed = account.missed
         factor = n * size / elapsed
         timing[row] = planner_step, plant_step, publish, lateness, sum(missed), factor, *missed, account.slipped, dropped()
+        frame = Frame(n, n * size, time.time_ns(), *(view[row] for view in rows.views))
         t3 = clock()
-        yield Frame(n, n * size, time.time_ns(), *(view[row] for view in rows.views))
+        yield frame
         publish = clock() - t3

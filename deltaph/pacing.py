@@ -42,7 +42,7 @@ class _Timespec(ctypes.Structure):
 
 
 def _absolute_sleep() -> Callable[[int], None]:
-    """Sleep until a time of the monotonic clock [ns]: absolute, so that a thread that is preempted before the call wakes in time."""
+    """Sleep until a time of the monotonic clock [ns]: absolute, so that who is preempted before the call wakes in time."""
     try:
         call = ctypes.CDLL(None).clock_nanosleep
     except (AttributeError, OSError, TypeError):  # not every system has it
@@ -99,7 +99,7 @@ class Pacer:
         step_ns: communication step [ns].
         clock: [ns].
         sleep_until: sleeps until a time of the clock.
-        computed: time that all threads of the process have computed [ns].
+        computed: time that the process's other threads have computed [ns].
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class Pacer:
         *,
         clock: Callable[[], int] = time.monotonic_ns,
         sleep_until: Callable[[int], None] | None = None,
-        computed: Callable[[], int] = time.process_time_ns,
+        computed: Callable[[], int] = lambda: time.process_time_ns() - time.thread_time_ns(),
     ) -> None:
         self.account = Account()
         self._step = step_ns
@@ -150,7 +150,7 @@ class Pacer:
         account.histogram[_bin(late / 1000)] += 1
         if late > self._tolerance:
             if done <= deadline:
-                # The sleeper itself computes next to nothing. Where in doubt between system and sinks, it is the sinks.
+                # Where in doubt between system and sinks, it is the sinks.
                 cause = CAUSES.index("consumer" if others >= woken - deadline > 0 else "system")
             else:
                 cause = self._work(done - self._reached, (planner, plant, publish))
@@ -165,7 +165,7 @@ class Pacer:
         return late * 1e-9
 
     def _work(self, duration: int, parts: tuple[float, ...]) -> int:
-        """The cause where the work ended after the deadline: work of less than a step began late, and has its forerunner's cause."""
+        """The cause where the work ended after the deadline: work of less than a step began late, and inherits."""
         if duration <= self._step and self._cause is not None:
             return self._cause
         exchange = duration * 1e-9 - sum(parts)
@@ -195,7 +195,7 @@ class Undisturbed:
 
 @contextlib.contextmanager
 def undisturbed(asked: Undisturbed) -> Iterator[None]:
-    """Garbage collection out of the way, sleeping exact, threads quick to yield; priority and processor as asked; all undone at the end.
+    """Garbage collection off, sleeping exact, threads quick to yield, priority and processor as asked; undone at the end.
 
     Only the calling thread is changed: the sinks' threads, started before, keep what they have.
 

@@ -101,9 +101,7 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
             stack.callback(recording.close)
 
         frames: list[Frame] = []
-        stepping = cosimulate(
-            scenario, run, fmus, realtime=options.realtime, dropped=lambda: sum(sink.dropped for sink in sinks)
-        )
+        stepping = cosimulate(scenario, run, fmus, realtime=options.realtime, dropped=lambda: sum(sink.dropped for sink in sinks))
         for frame in _with_progress(stepping, run, log):
             frames.append(frame)
             for sink in sinks:

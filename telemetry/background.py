@@ -8,10 +8,9 @@ from collections import deque
 
 from deltaph.frame import Frame, Sink
 
-
 POLL = 5e-4
-"""Between two looks of an idle worker [s]. To wake it would cost the step loop a system call and a fight for the interpreter, tens of
-microseconds a frame; to be looked for costs it nothing."""
+"""Between two looks of an idle worker [s]. To wake it would cost the step loop a system call and a fight for the interpreter, tens
+of microseconds a frame; that it looks costs the loop nothing."""
 
 
 class BackgroundSink:
