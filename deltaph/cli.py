@@ -63,7 +63,8 @@ def init(file: Annotated[Path, typer.Argument(metavar="FILE", help="file to writ
         raise ScenarioError(f"{file} exists: give another name, or remove it first")
     check_writable(file)
     write_text(file, lambda stream: stream.write(template()))
-    typer.echo(f"wrote {file}: try `deltaph plan {file}`")
+    if file != STDOUT:
+        typer.echo(f"wrote {file}: try `deltaph plan {file}`")
 
 
 @app.command()
@@ -254,7 +255,8 @@ def main() -> None:
     except DeltaphError as error:
         code = _fail(f"error: {error}", error.exit_code)
     except UsageError as error:
-        code = _fail(f"usage: {error.format_message()}", 2)
+        message = error.format_message().strip()  # empty where the help has been shown instead
+        code = _fail(f"usage: {message}", 2) if message else 2
     except BrokenPipeError:
         sys.stderr.close()  # the reader of our output has gone, and nobody is left to tell
         code = 2
