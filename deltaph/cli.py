@@ -223,6 +223,30 @@ def view(file: Annotated[Path, typer.Argument(metavar="FILE.rrd", help="recordin
 
 
 @app.command()
+def compare(
+    first: Annotated[Path, typer.Argument(metavar="A.rrd", help="recording A")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE.rrd", help="recording to write")],
+    second: Annotated[
+        Path | None,
+        typer.Argument(metavar="[B.rrd]", help="recording B; without it: A's plan against its plant", show_default=False),
+    ] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Compare two recordings: aligned on time and on the path, differences plotted, verdicts side by side.
+
+    Example: deltaph compare paper.rrd time_optimal.rrd -o both.rrd && deltaph view both.rrd
+    """
+    from deltaph.compare import compare as compare_recordings
+    from deltaph.compare import print_comparison
+
+    check_writable(json_file)
+    facts = compare_recordings(first, second, output)
+    _write_json(json_file, facts)
+    print_comparison(_tables(json_file), facts)
+    Console(stderr=True).print(f"wrote {output}: open it with `deltaph view {output}`", style="dim", soft_wrap=True)
+
+
+@app.command()
 def bench() -> None:
     """The benchmarks of the README: planning, stepping, co-simulating the paper's case, and the peers that are installed."""
     from deltaph.bench import run_benchmarks
