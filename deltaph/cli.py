@@ -247,6 +247,32 @@ def compare(
 
 
 @app.command()
+def export(
+    file: Annotated[Path, typer.Argument(metavar="FILE.rrd", help="recording to read")],
+    csv: Annotated[Path | None, typer.Option("--csv", metavar="FILE", help="write CSV; - is standard output")] = None,
+    parquet: Annotated[Path | None, typer.Option("--parquet", metavar="FILE", help="write Parquet")] = None,
+    entity: Annotated[
+        str | None,
+        typer.Option("--entity", metavar="ENTITY", help="only this one, such as joint/position/actual; without it: all, by time"),
+    ] = None,
+) -> None:
+    """Write the signals of a recording as a table, under the names and in the units of `deltaph run --csv`.
+
+    Without --entity all signals are joined on sim_time, which counts nanoseconds; the values are the run's to the last bit. Phase and
+    trip are the numbers of their enumerations. What is not recorded (plan.*, the plant's own tracking errors) is not there.
+
+    Example: deltaph export paper.rrd --parquet paper.parquet --csv paper.csv
+    """
+    from deltaph.export import export as columns_of
+    from deltaph.export import write
+
+    if csv is None and parquet is None:
+        raise DeltaphError("nothing to write: give --csv FILE, --parquet FILE or both")
+    check_writable(csv, parquet)
+    write(columns_of(file, entity), csv, parquet)
+
+
+@app.command()
 def bench() -> None:
     """The benchmarks of the README: planning, stepping, co-simulating the paper's case, and the peers that are installed."""
     from deltaph.bench import run_benchmarks

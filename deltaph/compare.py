@@ -49,7 +49,7 @@ def compare(first: Path, second: Path | None, output: Path) -> dict[str, Any]:
     else:
         names, roles = _names(readings), ("actual", "actual")
     sides = [
-        Side(letter, name, reading, role, np.array([p.task.pick, *p.vertices, p.task.place]), np.array(p.task.corner_deviation))  # type: ignore[arg-type]
+        Side(letter, name, reading, role, np.array([p.task.pick, *p.vertices, p.task.place]), np.array(p.task.corner_deviation))
         for letter, name, reading, role, p in zip("ab", names, readings, roles, plans, strict=True)
     ]
     figures = [
