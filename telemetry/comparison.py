@@ -6,11 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from numpy.typing import NDArray
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.telemetry.reading import FloatArray, Reading, Rows
@@ -41,15 +42,15 @@ class Side:
         letter: a or b.
         name: for legends.
         reading: where it is recorded.
-        role: planned or executed.
+        role: setpoint (planned) or actual (executed).
         right_angle_path: (4, 3) [m].
         corner_deviation: prescribed (2,) [m].
     """
 
-    letter: Literal["a", "b"]
+    letter: str
     name: str
     reading: Reading
-    role: Literal["setpoint", "actual"]
+    role: str
     right_angle_path: FloatArray
     corner_deviation: FloatArray
 
@@ -82,7 +83,7 @@ class Side:
         """What is compared of this motion."""
         return [*_QUANTITIES, *(_OF_PLANT if self.role == "actual" else ())]
 
-    def on_path(self, points: FloatArray, values: FloatArray, times: FloatArray) -> FloatArray:
+    def on_path(self, points: FloatArray, values: FloatArray, times: NDArray[np.int64]) -> FloatArray:
         """Values (n, series) at times (n,) [ns], where the planned path has the arc lengths `points` (m,) [m]: (m, series)."""
         where = np.interp(times, self.rows("path/arc_length", "setpoint").nanoseconds, self.arc_length)
         moving = np.concatenate([[True], np.diff(where) > 0.0])  # where it rests, the moment of arrival counts
@@ -171,19 +172,20 @@ class Comparison:
         stream.log("difference/time_at_point", style, static=True, strict=True)
         _send(stream, "difference/time_at_point", reached[1][:shared] - reached[0][:shared], points[:shared])
 
-    def _write_prescribed(self, stream: rr.RecordingStream, side: Side, times: FloatArray, points: FloatArray) -> None:
+    def _write_prescribed(self, stream: rr.RecordingStream, side: Side, times: NDArray[np.int64], points: FloatArray) -> None:
         prescribed = 1e3 * np.unique(side.corner_deviation)
         name = f"{side.letter.upper()} prescribed [mm]"
         entity = f"path/deviation/prescribed_{side.letter}"
         style = rr.SeriesLines(names=[name] * len(prescribed), colors=[_LIMIT] * len(prescribed), widths=[1.5] * len(prescribed))
         stream.log(entity, style, static=True, strict=True)
-        for index in (times, points):
-            _send(stream, entity, np.tile(prescribed, (2, 1)), index[[0, -1]])
+        for ends in (times[[0, -1]], points[[0, -1]]):
+            _send(stream, entity, np.tile(prescribed, (2, 1)), ends)
 
     def _points(self) -> FloatArray:
         """Arc lengths of the comparison along the path, up to the end of the longer one (m,) [m]."""
         longest = max(float(side.arc_length[-1]) for side in self._sides)
-        return np.arange(int(longest / PATH_STEP) + 1) * PATH_STEP
+        points: FloatArray = np.arange(int(longest / PATH_STEP) + 1) * PATH_STEP
+        return points
 
     @staticmethod
     def _style(stream: rr.RecordingStream, entity: str, side: Side, series: int, unit: str) -> None:
