@@ -258,8 +258,8 @@ def export(
 ) -> None:
     """Write the signals of a recording as a table, under the names and in the units of `deltaph run --csv`.
 
-    Without --entity all signals are joined on sim_time, which counts nanoseconds; the values are the run's to the last bit. Phase and
-    trip are the numbers of their enumerations. What is not recorded (plan.*, the plant's own tracking errors) is not there.
+    Without --entity all signals are joined on sim_time, which counts nanoseconds; the values are the run's to the last bit.
+    Phase and trip are the numbers of their enumerations. What is not recorded (plan.*, the plant's own tracking errors) is absent.
 
     Example: deltaph export paper.rrd --parquet paper.parquet --csv paper.csv
     """
@@ -270,6 +270,25 @@ def export(
         raise DeltaphError("nothing to write: give --csv FILE, --parquet FILE or both")
     check_writable(csv, parquet)
     write(columns_of(file, entity), csv, parquet)
+
+
+@app.command()
+def paper(
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE.rrd", help="recording to write")],
+    json_file: JsonOption = None,
+) -> None:
+    """The paper's section 4: figures 4 to 8 for both methods in a recording, and its claims beside what is measured here and now.
+
+    Example: deltaph paper -o paper.rrd && deltaph view paper.rrd
+    """
+    from deltaph.paper import print_claims, section_4
+
+    check_writable(output, json_file)
+    with Console(stderr=True).status("planning and co-simulating both methods"):
+        facts = section_4(output)
+    _write_json(json_file, facts)
+    print_claims(_tables(json_file), facts["claims"])
+    Console(stderr=True).print(f"wrote {output}: open it with `deltaph view {output}`", style="dim", soft_wrap=True)
 
 
 @app.command()

@@ -184,8 +184,7 @@ class Comparison:
     def _points(self) -> FloatArray:
         """Arc lengths of the comparison along the path, up to the end of the longer one (m,) [m]."""
         longest = max(float(side.arc_length[-1]) for side in self._sides)
-        points: FloatArray = np.arange(int(longest / PATH_STEP) + 1) * PATH_STEP
-        return points
+        return np.linspace(0.0, PATH_STEP * int(longest / PATH_STEP), int(longest / PATH_STEP) + 1)
 
     @staticmethod
     def _style(stream: rr.RecordingStream, entity: str, side: Side, series: int, unit: str) -> None:
