@@ -12,11 +12,14 @@
 const dph_phase dph_segment_phase[SEGMENTS] = {DPH_PHASE_LIFT,       DPH_PHASE_PICK_CORNER,  DPH_PHASE_ACCELERATE,
                                                DPH_PHASE_DECELERATE, DPH_PHASE_PLACE_CORNER, DPH_PHASE_LOWER};
 
-/* Of a straight that begins or ends at rest, a bounded corner takes at most this share: the motion has to gather speed before it bends. */
-static const double most_of_straight = 0.9;
+/* Bounds of a bounded corner. Of a straight that begins or ends at rest it takes at most a share: the motion has to gather speed before it
+ * bends, the paper's law all of V_B. Its longer leg is at most so many times the other. Both are about the fastest of those tried:
+ * ../planner/README.md, section Path. */
+typedef struct Bounds {
+    double share, ratio;
+} Bounds;
 
-/* Greatest ratio of the legs of a bounded corner; ../planner/README.md, section Path, says what it is worth. */
-static const double greatest_ratio = 4.0;
+static const Bounds of_paper_limited = {0.6, 1.5}, of_time_optimal = {0.9, 6.0};
 
 /* The shortest traverse with a bounded corner [m], below which its deviation would be nothing that a robot can do; and what is none. */
 static const double least_traverse = 1e-6, no_traverse = 1e-9;
@@ -32,7 +35,7 @@ static int is_bounded(dph_law law)
 
 /* The corner within the room there is along lift and traverse. Its legs are equal where both have room; where one has not, the other one is
  * longer, so that the deviation is what was asked for; where that has no room either, the deviation is smaller. */
-static void lay_bounded_corner(double deviation, const double room[2], dph_corner *corner)
+static void lay_bounded_corner(double deviation, const double room[2], double ratio, dph_corner *corner)
 {
     int shorter = room[1] < room[0];
     if (dph_corner_leg(deviation) <= room[shorter]) {
@@ -41,7 +44,7 @@ static void lay_bounded_corner(double deviation, const double room[2], dph_corne
     }
     double leg[2];
     leg[shorter] = room[shorter];
-    leg[1 - shorter] = fmin(room[1 - shorter], dph_corner_longer_leg(leg[shorter], deviation, greatest_ratio * leg[shorter]));
+    leg[1 - shorter] = fmin(room[1 - shorter], dph_corner_longer_leg(leg[shorter], deviation, ratio * leg[shorter]));
     dph_corner_from_legs(leg[0], leg[1], corner);
 }
 
@@ -50,6 +53,7 @@ static void lay_bounded_corner(double deviation, const double room[2], dph_corne
 static dph_verdict lay_bounded_corners(dph_plan *plan)
 {
     const dph_task *task = &plan->task;
+    const Bounds *bounds = task->law == DPH_LAW_PAPER_LIMITED ? &of_paper_limited : &of_time_optimal;
     int has_corner[2] = {task->lift[0] > 0.0, task->lift[1] > 0.0};
     if (!(plan->traverse >= least_traverse)) {
         /* Straight up or straight down. Up and down again along one line would be a stop on the way, and so two PPOs. */
@@ -59,15 +63,15 @@ static dph_verdict lay_bounded_corners(dph_plan *plan)
         plan->middle[1] = has_corner[0] ? 1.0 : -1.0;
         return dph_accept();
     }
-    double whole = has_corner[0] && has_corner[1] ? plan->traverse : most_of_straight * plan->traverse, wanted[2];
+    double whole = has_corner[0] && has_corner[1] ? plan->traverse : bounds->share * plan->traverse, wanted[2];
     for (int pass = 0; pass < 2; ++pass) {
         for (int which = 0; which < 2; ++which) {
             if (!has_corner[which])
                 continue;
             dph_corner *corner = &plan->side[which].corner.corner;
             int shares = pass > 0 && has_corner[1 - which];
-            double room[2] = {most_of_straight * task->lift[which], shares ? fmax(0.5 * whole, whole - wanted[1 - which]) : whole};
-            lay_bounded_corner(task->corner_deviation[which], room, corner);
+            double room[2] = {bounds->share * task->lift[which], shares ? fmax(0.5 * whole, whole - wanted[1 - which]) : whole};
+            lay_bounded_corner(task->corner_deviation[which], room, bounds->ratio, corner);
             if (corner->deviation < (1.0 - 1e-9) * task->corner_deviation[which])
                 plan->corner_bound[which] = (corner->leg == room[0] ? 1 : 0) + (corner->second_leg == room[1] ? 2 : 0);
         }
