@@ -7,10 +7,6 @@
 /* The leg m = k [m] that a deviation [m] needs, eq. (13). */
 double dph_corner_leg(double deviation);
 
-/* The leg that, together with a leg shorter than dph_corner_leg(deviation), gives the deviation; `most` where it would be longer [m].
- * The curve's mirror image swaps the legs, so that it does not matter which of the two is given. Cost: at most 60 corners. */
-double dph_corner_longer_leg(double leg, double deviation, double most);
-
 /* Parametric speed sigma = u^2 + v^2 [m], eq. (18). */
 double dph_corner_sigma(const dph_corner *corner, double gamma);
 

@@ -178,6 +178,11 @@ void dph_corner_from_deviation(double deviation, dph_corner *corner);
 /* The corner with two legs m, k > 0; its deviation is found. Cost: some five points of the corner. */
 void dph_corner_from_legs(double leg, double second_leg, dph_corner *corner);
 
+/* The leg that together with a leg gives a corner its deviation; `most` where it would be longer [m].
+ * Given:    leg, shorter than the equal legs of that deviation; which of the two does not matter, the mirror image swaps them.
+ * Cost:     some ten corners from their legs, 61 at most. */
+double dph_corner_longer_leg(double leg, double deviation, double most);
+
 /* The corner at curve parameter gamma in [0, 1] (eqs. (3), (4), (18)). Cost: polynomials. */
 void dph_corner_at(const dph_corner *corner, double gamma, dph_corner_point *point);
 
