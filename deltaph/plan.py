@@ -173,7 +173,9 @@ class Plan:
         """What made a corner deviation smaller than prescribed, pick side first; empty where nothing did."""
         found = []
         for bound, lift in zip(self._struct.corner_bound, self.task.lift, strict=True):
-            reasons = [f"lift height {1e3 * lift:g} mm"] * (bound & 1) + [f"traverse {1e3 * self._struct.traverse:g} mm"] * (bound >> 1)
+            reasons = [f"lift height {1e3 * lift:g} mm"] * (bound & 1) + [f"traverse {1e3 * self._struct.traverse:g} mm"] * (
+                bound >> 1
+            )
             nothing = "lift" if lift == 0.0 else "traverse" if self._struct.middle[1] else ""
             found.append(f"no {nothing}, no corner" if nothing else ", ".join(reasons))
         return found[0], found[1]
