@@ -63,7 +63,8 @@ def init(file: Annotated[Path, typer.Argument(metavar="FILE", help="file to writ
         raise ScenarioError(f"{file} exists: give another name, or remove it first")
     check_writable(file)
     write_text(file, lambda stream: stream.write(template()))
-    typer.echo(f"wrote {file}: try `deltaph plan {file}`")
+    if file != STDOUT:
+        typer.echo(f"wrote {file}: try `deltaph plan {file}`")
 
 
 @app.command()
@@ -233,6 +234,75 @@ def view(file: Annotated[Path, typer.Argument(metavar="FILE.rrd", help="recordin
 
 
 @app.command()
+def compare(
+    first: Annotated[Path, typer.Argument(metavar="A.rrd", help="recording A")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE.rrd", help="recording to write")],
+    second: Annotated[
+        Path | None,
+        typer.Argument(metavar="[B.rrd]", help="recording B; without it: A's plan against its plant", show_default=False),
+    ] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Compare two recordings: aligned on time and on the path, differences plotted, verdicts side by side.
+
+    Example: deltaph compare paper.rrd time_optimal.rrd -o both.rrd && deltaph view both.rrd
+    """
+    from deltaph.compare import compare as compare_recordings
+    from deltaph.compare import print_comparison
+
+    check_writable(json_file)
+    facts = compare_recordings(first, second, output)
+    _write_json(json_file, facts)
+    print_comparison(_tables(json_file), facts)
+    Console(stderr=True).print(f"wrote {output}: open it with `deltaph view {output}`", style="dim", soft_wrap=True)
+
+
+@app.command()
+def export(
+    file: Annotated[Path, typer.Argument(metavar="FILE.rrd", help="recording to read")],
+    csv: Annotated[Path | None, typer.Option("--csv", metavar="FILE", help="write CSV; - is standard output")] = None,
+    parquet: Annotated[Path | None, typer.Option("--parquet", metavar="FILE", help="write Parquet")] = None,
+    entity: Annotated[
+        str | None,
+        typer.Option("--entity", metavar="ENTITY", help="only this one, such as joint/position/actual; without it: all, by time"),
+    ] = None,
+) -> None:
+    """Write the signals of a recording as a table, under the names and in the units of `deltaph run --csv`.
+
+    Without --entity all signals are joined on sim_time, which counts nanoseconds; the values are the run's to the last bit.
+    Phase and trip are the numbers of their enumerations. What is not recorded (plan.*, the plant's own tracking errors) is absent.
+
+    Example: deltaph export paper.rrd --parquet paper.parquet --csv paper.csv
+    """
+    from deltaph.export import export as columns_of
+    from deltaph.export import write
+
+    if csv is None and parquet is None:
+        raise DeltaphError("nothing to write: give --csv FILE, --parquet FILE or both")
+    check_writable(csv, parquet)
+    write(columns_of(file, entity), csv, parquet)
+
+
+@app.command()
+def paper(
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE.rrd", help="recording to write")],
+    json_file: JsonOption = None,
+) -> None:
+    """The paper's section 4: figures 4 to 8 for both methods in a recording, and its claims beside what is measured here and now.
+
+    Example: deltaph paper -o paper.rrd && deltaph view paper.rrd
+    """
+    from deltaph.paper import print_claims, section_4
+
+    check_writable(output, json_file)
+    with Console(stderr=True).status("planning and co-simulating both methods"):
+        facts = section_4(output)
+    _write_json(json_file, facts)
+    print_claims(_tables(json_file), facts["claims"])
+    Console(stderr=True).print(f"wrote {output}: open it with `deltaph view {output}`", style="dim", soft_wrap=True)
+
+
+@app.command()
 def bench() -> None:
     """The benchmarks of the README: planning, stepping, co-simulating the paper's case, and the peers that are installed."""
     from deltaph.bench import run_benchmarks
@@ -264,7 +334,8 @@ def main() -> None:
     except DeltaphError as error:
         code = _fail(f"error: {error}", error.exit_code)
     except UsageError as error:
-        code = _fail(f"usage: {error.format_message()}", 2)
+        message = error.format_message().strip()  # empty where the help has been shown instead
+        code = _fail(f"usage: {message}", 2) if message else 2
     except BrokenPipeError:
         sys.stderr.close()  # the reader of our output has gone, and nobody is left to tell
         code = 2

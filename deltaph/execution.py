@@ -107,10 +107,10 @@ def corner_deviation(time: FloatArray, position: FloatArray, velocity: FloatArra
 def overshoot(position: FloatArray, plan: Plan) -> float:
     """Largest distance of positions (n, 3) [m] from the area that the plan's right-angle path encloses [m]."""
     pick, place = np.array(plan.task.pick), np.array(plan.task.place)
-    across = place[:2] - pick[:2]
-    width = float(np.linalg.norm(across))
-    along = (position[:, :2] - pick[:2]) @ (across / width)
-    lateral = (position[:, :2] - pick[:2]) @ np.array([-across[1], across[0]]) / width
+    width = float(np.linalg.norm(place[:2] - pick[:2]))
+    x, y = plan.direction
+    along = (position[:, :2] - pick[:2]) @ np.array([x, y])
+    lateral = (position[:, :2] - pick[:2]) @ np.array([-y, x])
     outside = np.maximum(np.maximum(-along, along - width), 0.0)
     floor = np.where(along < 0.5 * width, pick[2], place[2])
     top = plan.vertices[0, 2]

@@ -21,8 +21,11 @@ def check_writable(*paths: Path | None) -> None:
     Raises:
         EnvironmentProblem: naming the file and the reason.
     """
-    for path in paths:
-        if path is None or path == STDOUT:
+    named = [path for path in paths if path is not None]
+    for path in named:
+        if named.count(path) > 1:
+            raise EnvironmentProblem(f"cannot write two outputs to {path}: give each its own file")
+        if path == STDOUT:
             continue
         if path.is_dir():
             raise EnvironmentProblem(f"cannot write {path}: it is a directory, name a file in it")

@@ -169,11 +169,34 @@ class Plan:
         return tuple(self._struct.corner_deviation)
 
     @property
+    def corner_bound(self) -> tuple[str, str]:
+        """What made a corner deviation smaller than prescribed, pick side first; empty where nothing did."""
+        found = []
+        for bound, lift in zip(self._struct.corner_bound, self.task.lift, strict=True):
+            reasons = [f"lift height {1e3 * lift:g} mm"] * (bound & 1) + [f"traverse {1e3 * self._struct.traverse:g} mm"] * (
+                bound >> 1
+            )
+            nothing = "lift" if lift == 0.0 else "traverse" if self._struct.middle[1] else ""
+            found.append(f"no {nothing}, no corner" if nothing else ", ".join(reasons))
+        return found[0], found[1]
+
+    @property
+    def corner_legs(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Vertical and horizontal leg of each corner, pick side first [m]; not of the comparison law."""
+        pick, place = (side.corner.corner for side in self._struct.side)
+        return (pick.leg, pick.second_leg), (place.leg, place.second_leg)
+
+    @property
     def vertices(self) -> FloatArray:
         """Vertices of the right angles, pick side first (2, 3) [m]."""
         points = np.array([self.task.pick, self.task.place])
         points[:, 2] += self.task.lift
         return points
+
+    @property
+    def direction(self) -> tuple[float, float]:
+        """Horizontal unit vector from pick to place; x where one is above the other."""
+        return tuple(self._struct.direction)
 
     @property
     def phases(self) -> tuple[Phase, ...]:
@@ -184,7 +207,8 @@ class Plan:
             strokes = (("lift", 0, 2, self.task.lift[0]), ("traverse", 1, 4, plan.traverse), ("lower", 3, 5, self.task.lift[1]))
             return tuple(Phase(n, float(times[a]), float(times[b] - times[a]), length) for n, a, b, length in strokes)
         names = enumeration("dph_phase")
-        begins = [i for i in range(plan.pieces) if i == 0 or plan.phase[i] != plan.phase[i - 1]]
+        pieces = [i for i in range(plan.pieces) if times[i + 1] > times[i]]  # a path need not have every phase
+        begins = [i for k, i in enumerate(pieces) if k == 0 or plan.phase[i] != plan.phase[pieces[k - 1]]]
         return tuple(
             Phase(
                 names[plan.phase[i]],

@@ -27,6 +27,9 @@ def plan_facts(plan: Plan) -> dict[str, Any]:
         "speed_factor": plan.speed_factor,
         "path_length_m": plan.length,
         "corner_deviation_m": list(plan.corner_deviation),
+        "corner_deviation_prescribed_m": list(plan.task.corner_deviation),
+        "corner_bound": list(plan.corner_bound),
+        "corner_legs_m": [list(legs) for legs in plan.corner_legs],
         "joint_velocity_max_rad_s": list(peaks.joint_velocity),
         "joint_acceleration_max_rad_s2": list(peaks.joint_acceleration),
         "joint_jerk_max_rad_s3": list(peaks.joint_jerk),
@@ -96,9 +99,11 @@ def print_plan(console: Console, scenario: Scenario, plan: Plan) -> None:
         phases.add_row(p.name, f"{1e3 * p.start:.3f}", f"{1e3 * p.duration:.3f}", f"{1e3 * p.length:.3f}")
     console.print(phases)
 
-    corners = Table("corner deviation (mm)", "prescribed", "planned", "kept", box=None, pad_edge=False)
-    for side, prescribed, planned in zip(("pick", "place"), plan.task.corner_deviation, plan.corner_deviation, strict=True):
-        corners.add_row(side, f"{1e3 * prescribed:g}", f"{1e3 * planned:.5f}", _mark(planned <= prescribed * (1 + 1e-12)))
+    corners = Table("corner deviation (mm)", "prescribed", "planned", "kept", "", box=None, pad_edge=False)
+    rows = zip(("pick", "place"), plan.task.corner_deviation, plan.corner_deviation, plan.corner_bound, strict=True)
+    for side, prescribed, planned, bound in rows:
+        why = f"planned {1e3 * planned:.3g} mm of {1e3 * prescribed:g} mm: {bound}" if bound else ""
+        corners.add_row(side, f"{1e3 * prescribed:g}", f"{1e3 * planned:.5f}", _mark(planned <= prescribed * (1 + 1e-12)), why)
     console.print(corners)
 
     peaks = Table("peak", "joint 1", "joint 2", "joint 3", "limit", "", box=None, pad_edge=False)

@@ -67,9 +67,13 @@ class TaskSection(Section):
 
     pick_mm: Point = Field(description="pick point x, y, z in the base frame; z is up, the workspace is below 0")
     place_mm: Point = Field(description="place point x, y, z in the base frame")
-    lift_mm: Positive | None = Field(None, description="lift height above both points")
-    lift_pick_mm: Positive | None = Field(None, description="lift height above the pick point, where the two differ")
-    lift_place_mm: Positive | None = Field(None, description="lift height above the place point, where the two differ")
+    lift_mm: NonNegative | None = Field(None, description="lift height above both points; 0: straight across")
+    lift_pick_mm: NonNegative | None = Field(
+        None, description="lift height above the pick point, where the two differ; 0: no corner"
+    )
+    lift_place_mm: NonNegative | None = Field(
+        None, description="lift height above the place point, where the two differ; 0: no corner"
+    )
     corner_deviation_mm: PerCorner = Field(
         description="greatest distance of a corner's vertex from the path; one value, or one at the pick and one at the place side"
     )

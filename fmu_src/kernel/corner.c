@@ -1,9 +1,9 @@
-/* Quintic Pythagorean-hodograph corner with equal legs: paper section 3.1. */
+/* Quintic Pythagorean-hodograph corner: paper section 3.1, for legs of any two lengths m and k. */
 #include "corner_law.h"
 
 #include <math.h>
 
-/* d / m of eq. (13), in closed form; the paper prints 0.17064. */
+/* d / m of eq. (13) for m = k, in closed form; the paper prints 0.17064. */
 static double deviation_per_leg(void)
 {
     return (45.0 + sqrt(2.0)) / 272.0;
@@ -14,16 +14,75 @@ double dph_corner_leg(double deviation)
     return deviation / deviation_per_leg();
 }
 
-void dph_corner_from_deviation(double deviation, dph_corner *corner)
+/* The preimage that ends at (k, m) with a horizontal tangent, paper section 3.1, without its cancellations:
+ * u0^2 = 180 m^2 / (35 m + k + S), u2^2 = 90 k^2 / (m + 35 k + S), S^2 = m^2 + k^2 + 70 m k; m = k gives eq. (12). */
+static void lay(double m, double k, dph_corner *corner)
 {
-    corner->deviation = deviation;
-    corner->leg = dph_corner_leg(deviation);
-    /* Eq. (12) without its cancellation: u2^2 = 15 m / (6 + sqrt 2), u0^2 = 2 u2^2. */
-    corner->u2 = sqrt(15.0 * corner->leg / (6.0 + sqrt(2.0)));
-    corner->u0 = sqrt(2.0) * corner->u2;
+    double S = sqrt(m * m + k * k + 70.0 * m * k);
+    corner->leg = m;
+    corner->second_leg = k;
+    corner->u0 = m * sqrt(180.0 / (35.0 * m + k + S));
+    corner->u2 = k * sqrt(90.0 / (m + 35.0 * k + S));
     dph_corner_point end;
     dph_corner_at(corner, 1.0, &end);
     corner->length = end.length;
+}
+
+/* Distance of the vertex H from the curve, which is not at gamma = 1/2 where m != k: the foot point is the root of (P - H) . P', which is
+ * -m u0^2 at gamma = 0 and 2 k u2^2 at 1. Newton's method within a shrinking bracket; the distance is stationary there, so that a step
+ * below 1e-9 leaves nothing to gain. */
+static double vertex_distance(const dph_corner *corner)
+{
+    double low = 0.0, high = 1.0, gamma = 0.5, x = 0.0, y = 0.0;
+    for (int i = 0; i < 60; ++i) {
+        dph_corner_point point;
+        dph_corner_at(corner, gamma, &point);
+        x = point.p[0][0];
+        y = point.p[0][1] - corner->leg;
+        double slope = x * point.p[1][0] + y * point.p[1][1];
+        double bend = point.sigma[0] * point.sigma[0] + x * point.p[2][0] + y * point.p[2][1];
+        if (slope > 0.0)
+            high = gamma;
+        else
+            low = gamma;
+        double next = gamma - slope / bend;
+        next = next >= low && next <= high ? next : 0.5 * (low + high);
+        if (fabs(next - gamma) < 1e-9)
+            break;
+        gamma = next;
+    }
+    return sqrt(x * x + y * y);
+}
+
+void dph_corner_from_deviation(double deviation, dph_corner *corner)
+{
+    lay(dph_corner_leg(deviation), dph_corner_leg(deviation), corner);
+    corner->deviation = deviation;
+}
+
+void dph_corner_from_legs(double leg, double second_leg, dph_corner *corner)
+{
+    lay(leg, second_leg, corner);
+    corner->deviation = vertex_distance(corner);
+}
+
+double dph_corner_longer_leg(double leg, double deviation, double most)
+{
+    /* d / m = f(k / m), near to (d / m)_(m = k) sqrt(k / m). The logarithm of f rises with that of k / m, by a slope within (0, 1), since
+     * f(1 / r) = f(r) / r; a correction by the square is therefore a contraction, and a fast one: its factor is |1 - 2 slope|. */
+    dph_corner corner;
+    dph_corner_from_legs(leg, most, &corner);
+    if (corner.deviation <= deviation)
+        return most;
+    double first = dph_corner_leg(deviation) / leg, longer = leg * first * first;
+    for (int i = 0; i < 60; ++i) {
+        dph_corner_from_legs(leg, longer, &corner);
+        double ratio = deviation / corner.deviation;
+        longer *= ratio * ratio;
+        if (fabs(ratio - 1.0) < 4e-16)
+            break;
+    }
+    return longer;
 }
 
 double dph_corner_sigma(const dph_corner *corner, double gamma)

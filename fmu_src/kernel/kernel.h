@@ -155,13 +155,14 @@ int dph_take_up(const dph_robot *robot, double payload, double taken_up, dph_mot
 
 /* ---- Corner (corner.c) ---------------------------------------------------------------------------------------------------------------- */
 
-/* A quintic PH corner with equal legs (paper section 3.1, m = k). Its preimage is u = u0 (1-g)^2 + u2 g^2, v = u2 g^2; the hodograph is
- * x' = 2uv, y' = u^2 - v^2. Origin where the corner begins, y along the first leg, x along the second; the vertex is at (0, leg). */
+/* A quintic PH corner (paper section 3.1). Its preimage is u = u0 (1-g)^2 + u2 g^2, v = u2 g^2; the hodograph is x' = 2uv,
+ * y' = u^2 - v^2. Origin where the corner begins, y along the first leg, x along the second; the vertex is at (0, leg). */
 typedef struct dph_corner {
-    double leg;       /* m = k [m] */
-    double deviation; /* vertex to curve: the paper's d [m] */
-    double u0, u2;    /* preimage coefficients [m^(1/2)] */
-    double length;    /* arc length [m] */
+    double leg;        /* m, the vertical one in a PPO [m] */
+    double second_leg; /* k, the horizontal one [m] */
+    double deviation;  /* vertex to curve: the paper's d [m] */
+    double u0, u2;     /* preimage coefficients [m^(1/2)] */
+    double length;     /* arc length [m] */
 } dph_corner;
 
 /* A point of the corner with its derivatives by the curve parameter: [order][x, y] [m]. */
@@ -171,8 +172,16 @@ typedef struct dph_corner_point {
     double length;   /* arc length from the start [m] */
 } dph_corner_point;
 
-/* The corner whose vertex is `deviation` > 0 away from the curve (eq. (13)). Cost: one square root. */
+/* The corner with equal legs whose vertex is `deviation` > 0 away from the curve (eq. (13)). Cost: three square roots. */
 void dph_corner_from_deviation(double deviation, dph_corner *corner);
+
+/* The corner with two legs m, k > 0; its deviation is found. Cost: some five points of the corner. */
+void dph_corner_from_legs(double leg, double second_leg, dph_corner *corner);
+
+/* The leg that together with a leg gives a corner its deviation; `most` where it would be longer [m].
+ * Given:    leg, shorter than the equal legs of that deviation; which of the two does not matter, the mirror image swaps them.
+ * Cost:     some ten corners from their legs, 61 at most. */
+double dph_corner_longer_leg(double leg, double deviation, double most);
 
 /* The corner at curve parameter gamma in [0, 1] (eqs. (3), (4), (18)). Cost: polynomials. */
 void dph_corner_at(const dph_corner *corner, double gamma, dph_corner_point *point);
@@ -227,7 +236,8 @@ typedef struct dph_task {
     dph_limits limits;           /* paper_limited and time_optimal */
 } dph_task;
 
-/* One half of the paper's PPO, from rest to the middle of the traverse: phases 1 to 3. The place side is run backwards in time. */
+/* One half of a PPO, from rest to the middle of the traverse: phases 1 to 3. The place side is run backwards in time. A side without lift
+ * has no corner: its lift, corner and entry speed are 0. */
 typedef struct dph_side {
     double lift_length;     /* j [m] */
     double lift_duration;   /* T_1 [s] */
@@ -252,7 +262,9 @@ typedef struct dph_plan {
     double speed_factor;         /* nominal / aligned duration, at most 1 */
     double length;               /* arc length of the path [m] */
     double segment_arc[7];       /* arc length at the ends of lift, corners, halves of the traverse, lowering; not of comparison [m] */
-    double corner_deviation[2];  /* vertex to path, by construction or found [m] */
+    double corner_deviation[2];  /* vertex to path, by construction or found [m]; 0 where there is no lift and so no corner */
+    int corner_bound[2];         /* what held the corner's legs: 1 its lift, 2 the traverse, 3 both, 0 neither */
+    double middle[2];            /* direction of the stretch between the corners: horizontal, vertical; (1, 0) unless nothing is level */
     int pieces;
     dph_phase phase[DPH_PIECES];         /* of each piece */
     double boundary[DPH_PIECES + 1];     /* nominal times at which the pieces begin and end [s] */

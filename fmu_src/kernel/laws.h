@@ -26,6 +26,9 @@ dph_verdict dph_superposition_make(dph_plan *plan);
 dph_verdict dph_paper_limited_make(dph_plan *plan);
 dph_verdict dph_time_optimal_make(dph_workspace *workspace, dph_plan *plan); /* has also checked that the robot can follow the path */
 
+/* The motion part of dph_paper_make, on a path that is laid. */
+void dph_paper_move(dph_plan *plan);
+
 /* The motion at nominal time t within a piece, one-sided at its boundaries. */
 void dph_paper_at(const dph_plan *plan, int piece, double t, dph_planar *motion);
 void dph_superposition_at(const dph_plan *plan, int piece, double t, dph_planar *motion);

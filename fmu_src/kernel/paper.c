@@ -30,8 +30,9 @@ static void cruise_at(const dph_side *side, double t, Line s)
 }
 
 /* One side from rest; phase 0, 1, 2 is lift, corner, cruise; t counts from the phase's start. */
-static void side_at(const dph_side *side, int phase, double t, double d[4][2], double *arc_length)
+static void side_at(const dph_plan *plan, int place, int phase, double t, double d[4][2], double *arc_length)
 {
+    const dph_side *side = &plan->side[place];
     const dph_corner *corner = &side->corner.corner;
     Line s;
     memset(d, 0, 4 * sizeof *d);
@@ -49,10 +50,9 @@ static void side_at(const dph_side *side, int phase, double t, double d[4][2], d
         break;
     default:
         cruise_at(side, t, s);
-        for (int order = 0; order < 4; ++order)
-            d[order][0] = s[order];
-        d[0][0] += corner->leg;
+        d[0][0] = corner->second_leg;
         d[0][1] = side->lift_length + corner->leg;
+        dph_path_along(plan, place, s, d);
         *arc_length = side->lift_length + corner->length + s[0];
         break;
     }
@@ -62,30 +62,31 @@ void dph_paper_at(const dph_plan *plan, int piece, double t, dph_planar *motion)
 {
     if (piece < 3) {
         motion->side = 0;
-        side_at(&plan->side[0], piece, t - plan->boundary[piece], motion->d, &motion->arc_length);
+        side_at(plan, 0, piece, t - plan->boundary[piece], motion->d, &motion->arc_length);
         return;
     }
     /* The place side, run backwards in time and mirrored: odd time derivatives change sign once, horizontal ones once more. */
     motion->side = 1;
-    side_at(&plan->side[1], 5 - piece, plan->boundary[piece + 1] - t, motion->d, &motion->arc_length);
+    side_at(plan, 1, 5 - piece, plan->boundary[piece + 1] - t, motion->d, &motion->arc_length);
     motion->arc_length = plan->length - motion->arc_length;
     for (int order = 0; order < 4; ++order)
         motion->d[order][order % 2 == 0 ? 0 : 1] *= -1.0;
 }
 
-dph_verdict dph_paper_make(dph_plan *plan)
+void dph_paper_move(dph_plan *plan)
 {
-    dph_verdict verdict = dph_path_make(plan);
-    if (verdict.status != DPH_STATUS_OK)
-        return verdict;
     const dph_task *task = &plan->task;
     double duration[SEGMENTS];
     for (int which = 0; which < 2; ++which) {
         dph_side *side = &plan->side[which];
         dph_corner corner = side->corner.corner;
-        dph_corner_law_make(&corner, task->corner_entry_speed, task->corner_mid_speed, &side->corner);
-        side->lift_duration = 2.0 * side->lift_length / task->corner_entry_speed;
-        side->cruise_duration = 2.0 * side->cruise_length / (task->corner_entry_speed + task->traverse_speed);
+        /* Without a corner the traverse begins at rest: eq. (30) with V_B = 0. */
+        double entry_speed = corner.length > 0.0 ? task->corner_entry_speed : 0.0;
+        if (entry_speed > 0.0) {
+            dph_corner_law_make(&corner, entry_speed, task->corner_mid_speed, &side->corner);
+            side->lift_duration = 2.0 * side->lift_length / entry_speed;
+        }
+        side->cruise_duration = 2.0 * side->cruise_length / (entry_speed + task->traverse_speed);
         side->traverse_speed = task->traverse_speed;
         duration[which == 0 ? 0 : 5] = side->lift_duration;
         duration[which == 0 ? 1 : 4] = side->corner.duration;
@@ -96,5 +97,12 @@ dph_verdict dph_paper_make(dph_plan *plan)
     memcpy(plan->arc_boundary, plan->segment_arc, sizeof plan->segment_arc);
     for (int piece = 0; piece < SEGMENTS; ++piece)
         plan->boundary[piece + 1] = plan->boundary[piece] + duration[piece];
-    return dph_accept();
+}
+
+dph_verdict dph_paper_make(dph_plan *plan)
+{
+    dph_verdict verdict = dph_path_make(plan);
+    if (verdict.status == DPH_STATUS_OK)
+        dph_paper_move(plan);
+    return verdict;
 }

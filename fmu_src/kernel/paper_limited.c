@@ -31,14 +31,14 @@ static void keep_greatest(double value, double *greatest)
         *greatest = value;
 }
 
-/* Make the paper's plan with these speeds, on its nominal clock; the task has passed dph_path_make before. */
+/* Make the paper's plan with these speeds, on its nominal clock; its path is laid. */
 static void plan_with(const Search *search, double corner_entry, double corner_mid, double traverse)
 {
     dph_task *task = &search->plan->task;
     task->corner_entry_speed = corner_entry;
     task->corner_mid_speed = corner_mid;
     task->traverse_speed = traverse;
-    (void)dph_paper_make(search->plan);
+    dph_paper_move(search->plan);
     search->plan->speed_factor = 1.0;
 }
 
@@ -138,8 +138,9 @@ static void search_shape(Search *search, double best[2])
     for (int axis = 0; axis < 2; ++axis)
         step[axis] = (shape_high[axis] - shape_low[axis]) / (GRID - 1);
     for (int i = 0; i < GRID; ++i)
-        for (int k = 0; k < GRID; ++k) {
-            double shape[2] = {shape_low[0] + step[0] * i, shape_low[1] + step[1] * k}, found = try_shape(search, shape);
+        for (int k = -1; k < GRID; ++k) {
+            /* First without any change of speed on the traverse: where the corners leave next to nothing of it, nothing else will do. */
+            double shape[2] = {shape_low[0] + step[0] * i, k < 0 ? 0.0 : shape_low[1] + step[1] * k}, found = try_shape(search, shape);
             if (found < least) {
                 least = found;
                 best[0] = shape[0];

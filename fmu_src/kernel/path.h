@@ -20,7 +20,12 @@ dph_verdict dph_path_check(const dph_plan *plan);
  * Returned: position, relative to that end, and derivatives by the arc length from the pick point, [order][horizontal, vertical]. */
 void dph_path_at(const dph_plan *plan, int segment, double length, double d[4][2]);
 
-/* A segment that `length` from the nearer end lies in: `segment` itself if possible, else a neighbour of it on the same side. */
+/* Add to `d` what lies `s` along the stretch between the corners, as seen from the pick point or, mirrored, from the place point: s and its
+ * derivatives [order]; d [order][horizontal, vertical]. */
+void dph_path_along(const dph_plan *plan, int place, const double s[4], double d[4][2]);
+
+/* A segment that `length` from the nearer end lies in: `segment` itself if possible, else a neighbour of it on the same side; none
+ * without length, unless the side has no other. */
 int dph_path_segment(const dph_plan *plan, int segment, double length);
 
 /* The path parameter x in [0, 1] of the time-optimal law: s = L y(x), y = 10 x^3 - 15 x^4 + 6 x^5. At rest y' = y'' = 0, so that a start

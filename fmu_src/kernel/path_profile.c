@@ -140,7 +140,7 @@ static void lay_knots(const dph_plan *plan, dph_workspace *w)
     for (int segment = 0; segment < SEGMENTS; ++segment) {
         double to = end[segment + 1];
         int straight = segment == 2 || segment == 3;
-        if (straight && to - begin < shortest)
+        if (!(to > begin) || (straight && to - begin < shortest))
             continue; /* the next one begins where this one would */
         double low = share_at(share, begin), high = share_at(share, to);
         int least = least_intervals[segment < 3 ? segment : 5 - segment], n = (int)(INTERVALS * (high - low) + 0.5);

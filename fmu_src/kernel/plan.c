@@ -25,6 +25,12 @@ static dph_verdict within(double value, double least, double most)
     return dph_refuse(DPH_STATUS_INVALID_VALUE, DPH_PHASE_IDLE, 0, value > most ? most : least, value);
 }
 
+/* No lift at all is a side without a corner, which has no place in a superposition. */
+static double least_lift(const dph_task *task, int which)
+{
+    return task->lift[which] == 0.0 && task->law != DPH_LAW_COMPARISON ? 0.0 : least_length;
+}
+
 static dph_verdict task_check(const dph_task *task)
 {
     const double checks[][3] = {
@@ -35,8 +41,8 @@ static dph_verdict task_check(const dph_task *task)
         {task->place[0], -greatest_length, greatest_length},
         {task->place[1], -greatest_length, greatest_length},
         {task->place[2], -greatest_length, greatest_length},
-        {task->lift[0], least_length, greatest_length},
-        {task->lift[1], least_length, greatest_length},
+        {task->lift[0], least_lift(task, 0), greatest_length},
+        {task->lift[1], least_lift(task, 1), greatest_length},
         {task->corner_deviation[0], least_length, greatest_length},
         {task->corner_deviation[1], least_length, greatest_length},
         {task->corner_entry_speed, least_speed, greatest_speed},
@@ -148,6 +154,8 @@ static dph_verdict path_check(const dph_plan *plan)
         double length = plan->arc_boundary[piece + 1] - plan->arc_boundary[piece];
         int intervals = 4 + (int)fmin(length / spacing, most_intervals); /* also where the length has overflowed to no number */
         double begin = plan->boundary[piece], step = (plan->boundary[piece + 1] - begin) / intervals;
+        if (!(plan->boundary[piece + 1] > begin))
+            continue; /* a phase that this path does not have */
         for (int i = 0; i <= intervals; ++i) {
             dph_setpoint setpoint;
             tcp_at(plan, piece, (begin + step * i) / plan->speed_factor, &setpoint);
@@ -212,7 +220,8 @@ void dph_plan_sample(const dph_plan *plan, double time, dph_setpoint *setpoint)
 {
     if (time >= 0.0 && time < plan->duration) {
         int piece = 0;
-        while (piece + 1 < plan->pieces && plan->speed_factor * time >= plan->boundary[piece + 1])
+        /* Phases that this path does not have are passed over, also at the end. */
+        while (plan->boundary[piece + 1] < plan->boundary[plan->pieces] && plan->speed_factor * time >= plan->boundary[piece + 1])
             ++piece;
         dph_plan_sample_piece(plan, piece, time, setpoint);
         return;

@@ -54,6 +54,22 @@ def test_init_writes_a_scenario_that_plans_and_never_overwrites(tmp_path: Path) 
     assert_refused(deltaph("init", cwd=tmp_path), 2, "scenario.toml exists")
 
 
+def test_no_command_is_answered_with_the_help_alone(tmp_path: Path) -> None:
+    result = deltaph(cwd=tmp_path)
+    assert result.returncode == 2
+    assert "Usage" in result.stdout
+    assert result.stderr == ""
+
+
+def test_init_to_standard_output_writes_the_scenario_and_nothing_else(tmp_path: Path) -> None:
+    assert deltaph("init", "-", cwd=tmp_path).stdout == template()
+
+
+def test_two_outputs_to_one_file_are_refused(tmp_path: Path) -> None:
+    assert_refused(deltaph("plan", PAPER, "--csv", "both", "--json", "both", cwd=tmp_path), 2, "two outputs", "both")
+    assert not (tmp_path / "both").exists()
+
+
 def test_schema_is_json_schema(tmp_path: Path) -> None:
     schema = json.loads(deltaph("schema", cwd=tmp_path).stdout)
     assert set(schema["properties"]) >= {"schema", "title", "robot", "task", "law", "limits", "payload", "drive", "run", "expect"}

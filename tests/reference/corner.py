@@ -1,7 +1,7 @@
-"""The quintic PH corner with equal legs m = k, found from its deviation (paper section 3.1).
+"""The quintic PH corner, with equal legs found from its deviation (paper section 3.1), or with two legs m and k.
 
 Corner frame of the paper: origin B, x along the traverse, y along the lift, vertex H = (0, m),
-end C = (m, m).
+end C = (k, m).
 """
 
 from collections.abc import Callable
@@ -14,12 +14,13 @@ from .taylor import Taylor
 
 @dataclass(frozen=True)
 class Corner:
-    """A corner: leg m [m] and its hodograph and curve as polynomials of the parameter gamma in [0, 1].
+    """A corner: legs m and k [m] and its hodograph and curve as polynomials of the parameter gamma in [0, 1].
 
     x' = 2 u v, y' = u^2 - v^2 with the preimage u = u0 (1-gamma)^2 + u2 gamma^2, v = v2 gamma^2 (eq. 6).
     """
 
     leg: Number
+    second_leg: Number
     preimage: tuple[Number, Number, Number]
     hodograph_x: Polynomial
     hodograph_y: Polynomial
@@ -51,24 +52,52 @@ class Corner:
         return mp.hypot(evaluate(self.x, gamma), evaluate(self.y, gamma) - self.leg)
 
 
-def corner_with_leg(leg: Number) -> Corner:
-    """The corner of leg m = k [m], the preimage found from the end point and the horizontal end tangent."""
+def corner_with_legs(leg: Number, second_leg: Number) -> Corner:
+    """The corner of legs m, k [m], the preimage found from the end point and the horizontal end tangent.
+
+    Found at m = k first; from there the longer leg is grown, each root the start of the next.
+    """
 
     def preimage(u0: Number, u2: Number, v2: Number) -> tuple[Callable[[Number], Number], ...]:
         return (lambda g: u0 * (1 - g) ** 2 + u2 * g**2), (lambda g: v2 * g**2)
 
-    def residual(u0: Number, u2: Number, v2: Number) -> list[Number]:
-        u, v = preimage(u0, u2, v2)
-        end_x = mp.quad(lambda g: 2 * u(g) * v(g), [0, 1], method="gauss-legendre")
-        end_y = mp.quad(lambda g: u(g) ** 2 - v(g) ** 2, [0, 1], method="gauss-legendre")
-        return [end_x - leg, end_y - leg, u(1) ** 2 - v(1) ** 2]
+    def found(m: Number, k: Number, start: tuple[Number, ...]) -> tuple[Number, ...]:
+        def residual(u0: Number, u2: Number, v2: Number) -> list[Number]:
+            u, v = preimage(u0, u2, v2)
+            end_x = mp.quad(lambda g: 2 * u(g) * v(g), [0, 1], method="gauss-legendre")
+            end_y = mp.quad(lambda g: u(g) ** 2 - v(g) ** 2, [0, 1], method="gauss-legendre")
+            return [end_x - k, end_y - m, u(1) ** 2 - v(1) ** 2]
 
-    root = mp.sqrt(leg)
-    start = (2 * root, mp.mpf("1.5") * root, mp.mpf("1.4") * root)
-    u0, u2, v2 = mp.findroot(residual, start, tol=(leg * mp.mpf(10) ** (8 - mp.dps)) ** 2)
+        return tuple(mp.findroot(residual, start, tol=(min(m, k) * mp.mpf(10) ** (8 - mp.dps)) ** 2))
+
+    m, k = mp.mpf(leg), mp.mpf(second_leg)
+    short, root = min(m, k), mp.sqrt(min(m, k))
+    unknowns = found(short, short, (2 * root, mp.mpf("1.5") * root, mp.mpf("1.4") * root))
+    steps = int(mp.ceil(2 * mp.log(max(m, k) / short)))
+    for step in range(1, steps + 1):
+        share = mp.mpf(step) / steps
+        unknowns = found(short * (m / short) ** share, short * (k / short) ** share, unknowns)
+    u0, u2, v2 = unknowns
     u, v = (u0, -2 * u0, u0 + u2), (mp.mpf(0), mp.mpf(0), v2)
     dx, dy = scaled(product(u, v), mp.mpf(2)), difference(product(u, u), product(v, v))
-    return Corner(leg, (u0, u2, v2), dx, dy, antiderivative(dx), antiderivative(dy))
+    return Corner(m, k, (u0, u2, v2), dx, dy, antiderivative(dx), antiderivative(dy))
+
+
+def corner_with_leg(leg: Number) -> Corner:
+    """The corner of leg m = k [m]."""
+    return corner_with_legs(leg, leg)
+
+
+def second_leg(leg: Number, deviation: Number) -> Number:
+    """The leg k [m] with which a leg m gives a deviation [m], by root finding on k."""
+    m, d = mp.mpf(leg), mp.mpf(deviation)
+    start = 36 * d**2 / m
+    return mp.findroot(
+        lambda k: corner_with_legs(m, k).deviation() - d,
+        (start, start * mp.mpf("0.95")),
+        solver="secant",
+        tol=(d * mp.mpf(10) ** (8 - mp.dps)) ** 2,
+    )
 
 
 def corner_with_deviation(deviation: Number) -> Corner:

@@ -1,0 +1,151 @@
+"""Writes the paper's figures 4 to 8 as a recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+_COLORS = {"proposed": (90, 190, 255), "comparison": (255, 140, 40)}
+_THREE = ((86, 180, 233), (240, 200, 60), (40, 190, 140))
+_WIDTHS = (2.0, 5.0, 2.0)
+"""The second is broad: joints 2 and 3 coincide on a move along x, and one would hide the other."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Method:
+    """What the figures show of one method, SI, base frame.
+
+    Attributes:
+        name: proposed or comparison.
+        time: of the plan (n,).
+        tcp_position: (n, 3).
+        tcp_velocity: (n, 3).
+        joint_position: (n, 3).
+        joint_velocity: (n, 3).
+        right_angle_path: (4, 3).
+        corner_deviation: of the first corner.
+        executed_time: (m,).
+        executed_velocity: of the joints (m, 3).
+        motor_torque: (m, 3).
+    """
+
+    name: str
+    time: FloatArray
+    tcp_position: FloatArray
+    tcp_velocity: FloatArray
+    joint_position: FloatArray
+    joint_velocity: FloatArray
+    right_angle_path: FloatArray
+    corner_deviation: float
+    executed_time: FloatArray
+    executed_velocity: FloatArray
+    motor_torque: FloatArray
+
+
+def write_figures(path: Path, methods: tuple[Method, Method], markdown: str) -> None:
+    """Write the recording: the claims as text, figure 4 in space, figures 5 and 6 as planned, 7 and 8 as executed."""
+    with rr.RecordingStream("deltaph-paper") as stream:
+        stream.set_log_time_enabled(False)
+        stream.save(path, default_blueprint=_blueprint(methods))
+        stream.send_recording_name("The paper's section 4")
+        stream.log("claims", rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN), static=True, strict=True)
+        stream.log("figure_4", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True, strict=True)
+        _write_strip(stream, "figure_4/right_angle", methods[0].right_angle_path, (130, 130, 130), 1.0)
+        for number, method in enumerate(methods):
+            _write_strip(stream, f"figure_4/{method.name}", method.tcp_position, _COLORS[method.name], 2.0)
+            planned, executed = f"figure_{5 + number}", f"figure_{7 + number}"
+            _write(stream, f"{planned}/a", method.time, method.tcp_velocity, [f"v{axis} [m/s]" for axis in "xyz"])
+            _write(stream, f"{planned}/b", method.time, np.degrees(method.joint_position), _joints("deg"))
+            _write(stream, f"{planned}/c", method.time, method.joint_velocity, _joints("rad/s"))
+            _write(stream, f"{executed}/a", method.executed_time, method.executed_velocity, _joints("rad/s"))
+            _write(stream, f"{executed}/b", method.executed_time, method.motor_torque, _joints("N.m"))
+
+
+def _joints(unit: str) -> list[str]:
+    return [f"joint {i} [{unit}]" for i in (1, 2, 3)]
+
+
+def _write_strip(stream: rr.RecordingStream, entity: str, points: FloatArray, color: tuple[int, int, int], width: float) -> None:
+    radius: Any = rr.components.Radius.ui_points(width)
+    stream.log(entity, rr.LineStrips3D([points], colors=[color], radii=[radius]), static=True, strict=True)
+
+
+def _write(stream: rr.RecordingStream, entity: str, time: FloatArray, values: FloatArray, names: list[str]) -> None:
+    """Series (n, 3) over simulation time (n,) [s]."""
+    widths = _WIDTHS if names[0].startswith("joint") else (2.0,) * 3
+    stream.log(entity, rr.SeriesLines(names=names, colors=list(_THREE), widths=list(widths)), static=True, strict=True)
+    index = rr.TimeColumn("sim_time", duration=np.rint(1e9 * time).astype("timedelta64[ns]"))
+    stream.send_columns(entity, [index], rr.Scalars.columns(scalars=values), strict=True)
+
+
+def _plot(name: str, entity: str, *, legend: bool = True) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        name=name,
+        origin="/",
+        contents=[entity],
+        axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
+        plot_legend=rrb.PlotLegend(visible=legend, corner=rrb.Corner2D.RightTop),
+    )
+
+
+def _space(method: Method, name: str, target: FloatArray, distance: float) -> rrb.Spatial3DView:
+    """The paths seen at right angles to their plane, pick on the left."""
+    _, first, second, _ = method.right_angle_path
+    up = np.array([0.0, 0.0, 1.0])
+    toward = np.cross(second - first, up)
+    eye = rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital,
+        position=target + distance * toward / np.linalg.norm(toward),
+        look_target=target,
+        eye_up=up,
+    )
+    return rrb.Spatial3DView(origin="figure_4", name=name, eye_controls=eye, line_grid=False)
+
+
+def _blueprint(methods: tuple[Method, Method]) -> rrb.Blueprint:
+    proposed, comparison = methods
+    pick, first, second, place = proposed.right_angle_path
+    across = (second - first) / np.linalg.norm(second - first)
+    millimetres = f"{1e3 * proposed.corner_deviation:.1f} mm, {1e3 * comparison.corner_deviation:.1f} mm"
+    near = first + 2.0 * proposed.corner_deviation * (across - np.array([0.0, 0.0, 1.0]))
+    figure_4 = rrb.Vertical(
+        _space(proposed, "4 (a) entire path: proposed blue, comparison orange", 0.25 * (pick + first + second + place), 0.32),
+        _space(proposed, f"4 (b) local path: deviations {millimetres}", near, 8.0 * proposed.corner_deviation),
+        name="Figure 4",
+    )
+    figures = [figure_4]
+    for number, method in enumerate(methods):
+        entity = f"figure_{5 + number}"
+        figures.append(
+            rrb.Vertical(
+                _plot(f"{5 + number} (a) tool velocity, {method.name} method, planned [m/s]", f"{entity}/a"),
+                _plot(f"{5 + number} (b) joint position [deg]: joint 2, broad, lies under joint 3", f"{entity}/b"),
+                _plot(f"{5 + number} (c) joint velocity [rad/s]", f"{entity}/c"),
+                name=f"Figure {5 + number}",
+            )
+        )
+    for number, method in enumerate(methods):
+        entity = f"figure_{7 + number}"
+        figures.append(
+            rrb.Vertical(
+                _plot(f"{7 + number} (a) joint velocity, {method.name} method, executed [rad/s]", f"{entity}/a"),
+                _plot(f"{7 + number} (b) motor torque, executed [N.m]: joint 2, broad, lies under joint 3", f"{entity}/b"),
+                name=f"Figure {7 + number}",
+            )
+        )
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.TextDocumentView(name="Claims", origin="claims"), rrb.Tabs(*figures, active_tab=0), column_shares=[1, 1]
+        ),
+        rrb.TimePanel(state="collapsed", timeline="sim_time", play_state="paused"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.BlueprintPanel(state="hidden"),
+    )

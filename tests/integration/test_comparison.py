@@ -1,0 +1,140 @@
+"""Comparisons of real recordings, read back."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from integration.synthetic_cell import frames, scene
+from rerun.chunk import RrdReader
+
+from deltaph.compare import compare
+from deltaph.errors import EnvironmentProblem
+from deltaph.telemetry import Recorder
+from deltaph.telemetry.comparison import PATH_TIMELINE
+from deltaph.telemetry.reading import Reading
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+DELTAPH = Path(sys.executable).with_name("deltaph")
+
+
+def deltaph(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([str(DELTAPH), *map(str, arguments)], capture_output=True, text=True, timeout=120, check=False)
+
+
+@pytest.fixture(scope="module")
+def directory(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """With recordings and CSV tables of three runs, and the comparison of the first two."""
+    folder = tmp_path_factory.mktemp("comparison")
+    for name in ("paper", "time_optimal", "factory_gains"):
+        done = deltaph(
+            "run", SCENARIOS / f"{name}.toml", "--no-telemetry", "--record", folder / f"{name}.rrd", "--csv", folder / f"{name}.csv"
+        )
+        assert done.returncode == 0, done.stderr
+    compare(folder / "paper.rrd", folder / "time_optimal.rrd", folder / "both.rrd")
+    return folder
+
+
+def rows(path: Path, entity: str, timeline: str) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """Times and values of an entity on one timeline."""
+    found = []
+    for chunk in RrdReader(path).stream():
+        if chunk.entity_path == f"/{entity}" and not chunk.is_static:
+            batch = chunk.to_record_batch()
+            if timeline in batch.schema.names:
+                times = batch.column(timeline).to_numpy(zero_copy_only=False).astype(np.int64)
+                found.append((times, np.asarray(batch.column("Scalars:scalars").flatten()).reshape(len(batch), -1)))
+    times = np.concatenate([t for t, _ in found])
+    order = np.argsort(times)
+    return times[order], np.concatenate([v for _, v in found])[order]
+
+
+def test_difference_in_time_is_that_of_the_recorded_values(directory: Path) -> None:
+    a, b = (Reading(directory / f"{name}.rrd") for name in ("paper", "time_optimal"))
+    times, difference = rows(directory / "both.rrd", "difference/joint/torque", "sim_time")
+    of_a, of_b = (reading.rows["joint/torque/actual"] for reading in (a, b))
+    assert times.tolist() == of_b.nanoseconds.tolist()  # the shorter one
+    assert np.array_equal(difference, of_b.values - of_a.values[: len(times)])
+
+
+def test_on_the_same_path_the_deviation_differs_in_time_but_hardly_along_the_path(directory: Path) -> None:
+    """The planned paths of `paper` and `time_optimal` are one curve; only the tracking of it differs."""
+    _, in_time = rows(directory / "both.rrd", "difference/path/deviation", "sim_time")
+    where, along = rows(directory / "both.rrd", "difference/path/deviation", PATH_TIMELINE)
+    assert np.abs(in_time).max() > 50.0
+    assert np.abs(along).max() < 0.5
+    assert where.tolist() == list(range(0, where[-1] + 1, 100))
+    assert where[-1] == pytest.approx(391_586, abs=100)  # the path's length in micrometres
+
+
+def test_time_at_the_end_of_the_path_is_the_difference_of_the_durations(directory: Path) -> None:
+    _, gained = rows(directory / "both.rrd", "difference/time_at_point", PATH_TIMELINE)
+    assert gained[0, 0] == 0.0
+    assert gained[-1, 0] == pytest.approx(224.0 - 303.0, abs=3.0)  # the last tenth of a millimetre takes some milliseconds
+
+
+def test_blueprint_and_verdict_are_inside(directory: Path) -> None:
+    reader = RrdReader(directory / "both.rrd")
+    assert [entry.application_id for entry in reader.blueprints()] == ["deltaph-comparison"]
+    text = (
+        next(c for c in reader.stream() if c.entity_path == "/verdict").to_record_batch().column("TextDocument:text")[0].as_py()[0]
+    )
+    assert "The paper's section 4" in text
+    assert "Time-optimal" in text
+    assert "| duration [ms] | 303.0000 | 224.0000 | -79.0000 (-26.1 %) |" in text
+
+
+def test_one_recording_is_its_plan_against_its_plant(directory: Path) -> None:
+    facts = compare(directory / "factory_gains.rrd", None, directory / "plan.rrd")
+    assert [facts[letter]["name"] for letter in "ab"] == ["planned", "executed"]
+    assert facts["b"]["figures"]["executed deviation, place side [mm]"] > 8.0
+    recorded = Reading(directory / "factory_gains.rrd").rows
+    _, difference = rows(directory / "plan.rrd", "difference/joint/velocity", "sim_time")
+    expected = np.degrees(recorded["joint/velocity/actual"].values - recorded["joint/velocity/setpoint"].values)
+    np.testing.assert_allclose(difference, expected, atol=1e-9)
+
+
+def test_command_prints_both_and_writes_json(directory: Path, tmp_path: Path) -> None:
+    done = deltaph("compare", directory / "paper.rrd", directory / "time_optimal.rrd", "-o", tmp_path / "c.rrd", "--json", "-")
+    assert done.returncode == 0, done.stderr
+    facts = json.loads(done.stdout)
+    assert facts["a"]["title"].startswith("The paper's section 4")
+    assert facts["b"]["figures"]["law"] == "time_optimal"
+    assert "B - A" in done.stderr
+
+
+def test_what_is_no_recording_of_deltaph_is_refused_in_one_line(directory: Path, tmp_path: Path) -> None:
+    (tmp_path / "text.rrd").write_text("not a recording")
+    for wrong, word in ((tmp_path / "text.rrd", "no recording of deltaph"), (directory / "both.rrd", "no recording of deltaph")):
+        done = deltaph("compare", directory / "paper.rrd", wrong, "-o", tmp_path / "c.rrd")
+        assert done.returncode == 2
+        assert done.stderr.count("\n") == 1
+        assert str(wrong) in done.stderr
+        assert word in done.stderr
+    assert not (tmp_path / "c.rrd").exists()
+
+
+def test_output_must_not_be_one_of_the_recordings(directory: Path) -> None:
+    before = (directory / "paper.rrd").read_bytes()
+    with pytest.raises(EnvironmentProblem, match="is one of the recordings"):
+        compare(directory / "paper.rrd", directory / "time_optimal.rrd", directory / "paper.rrd")
+    assert (directory / "paper.rrd").read_bytes() == before
+
+
+def test_run_that_ended_before_its_summary_can_be_compared(directory: Path, tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "cut.rrd", scene_of_paper(directory))
+    for frame in frames(100):
+        recorder.take(frame)
+    recorder.close()
+    facts = compare(directory / "paper.rrd", tmp_path / "cut.rrd", tmp_path / "c.rrd")
+    assert facts["b"]["figures"]["executed deviation, pick side [mm]"] is None
+
+
+def scene_of_paper(directory: Path) -> Any:
+    """The made-up scene, with a scenario that can be read."""
+    from dataclasses import replace
+
+    return replace(scene(), scenario_json=Reading(directory / "paper.rrd").scenario_json)
