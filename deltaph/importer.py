@@ -195,7 +195,6 @@ def cosimulate(
     *,
     realtime: Undisturbed | None = None,
     dropped: Callable[[], int] = lambda: 0,
-    rows: int | None = None,
 ) -> Iterator[Frame]:
     """Co-simulate a scenario; yields frame 0, the initial state, and one frame per step.
 
@@ -205,7 +204,6 @@ def cosimulate(
         fmus: the FMI 3.0 FMUs.
         realtime: keep the communication points on the monotonic clock, with this asked of the system; None runs as fast as it can.
         dropped: frames that the sinks did not get so far; goes into the timing.
-        rows: frames whose memory is kept: the arrays of a frame are written again so many frames later. None keeps all.
 
     Raises:
         DeltaphError: an FMU refuses its parameters, or the system what is asked of it.
@@ -217,12 +215,12 @@ def cosimulate(
         planner, plant, link = _cell(scenario, fmus, Path(directory), stack)
         requests = _Request(planner, run)
         faults = _Faults(plant, scenario.faults, run.communication_step_ms)
-        pool = _Rows(planner, plant, min(run.steps + 1, rows or run.steps + 1))
+        rows = _Rows(planner, plant, run.steps + 1)
         pacer = None
         if realtime is not None:
             pacer = Pacer(run.communication_step_ms * 1_000_000)
             stack.enter_context(undisturbed(realtime))
-        yield from _loop(planner, plant, link, requests, faults, run.steps, size, pool, pacer, dropped)
+        yield from _loop(planner, plant, link, requests, faults, run.steps, size, rows, pacer, dropped)
 
 
 def _cell(
@@ -265,10 +263,9 @@ def _warm_up(scenario: Scenario, fmus: Mapping[Model, Path], directory: Path, si
 
 
 class _Rows:
-    """The memory of frames, allocated and touched before the first step; row n serves frame n, n + count, ..."""
+    """The memory of all frames, allocated and touched before the first step; row n is frame n."""
 
     def __init__(self, planner: Slave, plant: Slave, count: int) -> None:
-        self.count = count
         self.arrays = (
             np.zeros((count, len(planner.outputs))),
             np.zeros((count, len(planner.integers)), dtype=np.int32),
@@ -321,15 +318,14 @@ def _loop(
             if pacer is not None:
                 lateness = pacer.wait(planner_step, plant_step, publish)
         elapsed = clock() - begin
-        row = n % rows.count
-        planner_floats[row] = planner.outputs
-        planner_integers[row] = planner.integers
-        plant_floats[row] = plant.outputs
-        plant_integers[row] = plant.integers
+        planner_floats[n] = planner.outputs
+        planner_integers[n] = planner.integers
+        plant_floats[n] = plant.outputs
+        plant_integers[n] = plant.integers
         missed = account.missed
         factor = n * size / elapsed
-        timing[row] = planner_step, plant_step, publish, lateness, sum(missed), factor, *missed, account.slipped, dropped()
-        frame = Frame(n, n * size, time.time_ns(), *(view[row] for view in rows.views))
+        timing[n] = planner_step, plant_step, publish, lateness, sum(missed), factor, *missed, account.slipped, dropped()
+        frame = Frame(n, n * size, time.time_ns(), *(view[n] for view in rows.views))
         t3 = clock()
         yield frame
         publish = clock() - t3
