@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from deltaph.telemetry.background import BackgroundSink
+from deltaph.telemetry.events import EVENT_KINDS, EventKind
 from deltaph.telemetry.keys import MESSAGE_NAMES, CellKeys, MessageName
 from deltaph.telemetry.messages import Layout, layout, schema_document
 from deltaph.telemetry.publisher import Publisher
@@ -20,9 +21,11 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DEFAULT_ENDPOINT",
+    "EVENT_KINDS",
     "MESSAGE_NAMES",
     "BackgroundSink",
     "CellKeys",
+    "EventKind",
     "Layout",
     "Message",
     "MessageName",

@@ -6,13 +6,13 @@ import re
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-MessageName = Literal["setpoint", "actual", "timing", "plan"]
+MessageName = Literal["setpoint", "actual", "timing", "plan", "event"]
 QueryName = Literal["schema", "plan", "scenario", "summary"]
 
 MESSAGE_NAMES: tuple[MessageName, ...] = get_args(MessageName)
 QUERY_NAMES: tuple[QueryName, ...] = get_args(QueryName)
 FRAME_MESSAGES: tuple[MessageName, ...] = ("setpoint", "actual", "timing")
-"""One of each per frame; a plan comes when one is accepted or refused."""
+"""One of each per frame; a plan comes when one is accepted or refused, an event when something happens."""
 
 _CHUNK = re.compile(r"[A-Za-z0-9_.-]+")
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltaph.frame import TIMING, Frame
+from deltaph.telemetry.events import EVENT_FLOATS, EVENT_INTEGERS, Event
 from deltaph.telemetry.keys import MESSAGE_NAMES, MessageName
 from deltaph.variables import Model, Variable, variable_table
 
@@ -61,12 +62,12 @@ class Field:
 
 
 class _Columns(NamedTuple):
-    """Where a block of a message comes from: an array of the frame and columns of it."""
+    """Where a block of a message comes from: an array of the frame or event, and columns of it."""
 
     array: str
     columns: slice | NDArray[np.intp]
 
-    def of(self, frame: Frame) -> NDArray[Any]:
+    def of(self, frame: Frame | Event) -> NDArray[Any]:
         values: NDArray[Any] = getattr(frame, self.array)[self.columns]
         return values
 
@@ -111,8 +112,8 @@ class Layout:
             ]
         )
 
-    def encode(self, frame: Frame, sequence: int) -> bytes:
-        """The payload for a frame."""
+    def encode(self, frame: Frame | Event, sequence: int) -> bytes:
+        """The payload for a frame, or for an event."""
         parts = [
             _HEAD.pack(HEADER, sequence, frame.time, frame.unix_time_ns),
             self._floats.of(frame).astype("<f8", copy=False).tobytes(),
@@ -233,6 +234,10 @@ def layout(key: MessageName) -> Layout:
         case "timing":
             fields = [Field(name, "float64", 0, unit, description, name) for name, unit, description in TIMING]
             return Layout(key, _placed(fields), _Columns("timing", slice(None)), None)
+        case "event":
+            fields = [Field(name, "float64", 0, unit, description, name) for name, unit, description in EVENT_FLOATS]
+            fields += [Field(name, "int32", 0, None, description, name, items) for name, items, description in EVENT_INTEGERS]
+            return Layout(key, _placed(fields), _Columns("floats", slice(None)), _Columns("integers", slice(None)))
 
 
 def schema_document() -> dict[str, Any]:

@@ -10,6 +10,7 @@ import zenoh
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import Frame
+from deltaph.telemetry.events import EventWatch
 from deltaph.telemetry.keys import FRAME_MESSAGES, QUERY_NAMES, CellKeys, MessageName, QueryName
 from deltaph.telemetry.messages import layout, schema_document
 from deltaph.telemetry.session import open_cell_session
@@ -49,11 +50,13 @@ class Publisher:
         self._answer("scenario", scenario_json)
         self._messages = [(layout(name), self._publisher(name)) for name in FRAME_MESSAGES]
         self._plan, self._plan_publisher = layout("plan"), self._publisher("plan")
+        self._event, self._event_publisher = layout("event"), self._publisher("event")
+        self._watch, self._events = EventWatch(), 0
         self._queryables = [self._session.declare_queryable(self._keys.of(name), self._answering(name)) for name in QUERY_NAMES]
         self._token = self._session.liveliness().declare_token(self._keys.token)
 
     def take(self, frame: Frame) -> None:
-        """Publish a frame, and the plan where one was accepted or refused since the last one."""
+        """Publish a frame, what happened since the last one, and the plan where one was accepted or refused."""
         decided = int(frame.planner_integers[self._count]), int(frame.planner_integers[self._refused])
         if decided != self._decided:
             self._decided = decided
@@ -63,6 +66,9 @@ class Publisher:
             self._plan_publisher.put(payload)
         for message, publisher in self._messages:
             publisher.put(message.encode(frame, frame.step))
+        for event in self._watch.see(frame):
+            self._event_publisher.put(self._event.encode(event, self._events))
+            self._events += 1
         self.published += 1
 
     def set_summary(self, summary_json: str) -> None:

@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import Frame
 from deltaph.telemetry.blueprint import blueprint
+from deltaph.telemetry.events import EventWatch, level, sentence
 from deltaph.telemetry.keys import FRAME_MESSAGES, MessageName
 from deltaph.telemetry.messages import Layout, Records, layout
 from deltaph.telemetry.scene import Scene
@@ -44,6 +46,8 @@ class Recorder:
         self._limits = list(limits(scene))
         self._world = MovingWorld(scene)
         self._lanes: dict[str, int] = {}
+        self._watch = EventWatch()
+        self._events: list[np.void] = []
         self._summary: tuple[str, str] | None = None
         self._closed = False
         self._path = path
@@ -60,7 +64,9 @@ class Recorder:
             self._write_frames()
 
     def take_message(self, name: MessageName, record: np.void) -> None:
-        """Take a decoded message of a cell. Others than `setpoint`, `actual` and `timing` are not recorded."""
+        """Take a decoded message of a cell. A `plan` is not recorded: an event says the same."""
+        if name == "event":
+            self._events.append(record)
         if name not in self._messages:
             return
         self._messages[name].append(record)
@@ -124,6 +130,8 @@ class Recorder:
     def _write_frames(self) -> None:
         frames, self._frames = self._frames, []
         if frames:
+            event = layout("event")
+            self._events += [event.decode(event.encode(found, 0)) for frame in frames for found in self._watch.see(frame)]
             self._write({name: layout(name).records(frames) for name in FRAME_MESSAGES})
 
     def _write_messages(self, newest: int | None) -> None:
@@ -140,6 +148,7 @@ class Recorder:
             if len(records):
                 self._write_message(name, records)
         self._write_tracking_errors(rows["setpoint"], rows["actual"])
+        self._write_events()
 
     def _write_message(self, name: MessageName, records: Records) -> None:
         index = _index(records)
@@ -165,6 +174,13 @@ class Recorder:
             error = layout("setpoint").values(setpoint[of_setpoint], group) - layout("actual").values(actual[of_actual], group)
             self._send(entity, _index(actual[of_actual]), rr.Scalars.columns(scalars=error))
 
+    def _write_events(self) -> None:
+        """What happened, in words."""
+        events, self._events = np.array(self._events, dtype=layout("event").dtype), []
+        if len(events):
+            texts = rr.TextLog.columns(text=[sentence(event) for event in events], level=[level(event) for event in events])
+            self._send("event", _index(events, events["step"]), texts)
+
     def _write_lane(self, entity: str, records: Records, message: Layout, field: str) -> None:
         """A row where an enumeration changes."""
         values = records[field].astype(int)
@@ -182,10 +198,11 @@ def _text(markdown: str) -> rr.TextDocument:
     return rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN)
 
 
-def _index(records: Records) -> list[rr.TimeColumn]:
-    """Simulation time, to the nearest nanosecond, and step of records (n,)."""
+def _index(records: Records, steps: NDArray[Any] | None = None) -> list[rr.TimeColumn]:
+    """Simulation time, to the nearest nanosecond, and step of records (n,): their sequence number where it is not given."""
+    steps = records["sequence"] if steps is None else steps
     nanoseconds = np.rint(records["time"] * 1e9).astype("timedelta64[ns]")
-    return [rr.TimeColumn("sim_time", duration=nanoseconds), rr.TimeColumn("step", sequence=records["sequence"].astype(np.int64))]
+    return [rr.TimeColumn("sim_time", duration=nanoseconds), rr.TimeColumn("step", sequence=steps.astype(np.int64))]
 
 
 def _check_writable(path: Path) -> None:

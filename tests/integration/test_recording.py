@@ -15,6 +15,7 @@ from rerun.chunk import RrdReader
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import Frame
 from deltaph.telemetry import BackgroundSink, Recorder, layout
+from deltaph.telemetry.events import EventWatch
 from deltaph.telemetry.keys import FRAME_MESSAGES
 
 FRAMES = frames(1050, noise=1e-5)  # from the 1025th on, some times are below a whole nanosecond
@@ -130,7 +131,7 @@ def test_deviation_is_the_distance_to_the_nearer_vertex(recording: Recording) ->
 
 def test_every_signal_has_one_row_per_frame_at_its_time_and_step(recording: Recording) -> None:
     times = [round(frame.time * 1e9) for frame in FRAMES]
-    signals = {e: rows for e, rows in recording.rows.items() if e not in ("/phase", "/trip") and "limit" not in e}
+    signals = {e: rows for e, rows in recording.rows.items() if e not in ("/phase", "/trip", "/event") and "limit" not in e}
     assert {entity.split("/")[1] for entity in signals} == {
         *("joint", "tcp", "path", "motor", "rod", "constraint", "trip_time", "timing", "world")
     }
@@ -213,6 +214,9 @@ def test_content_does_not_depend_on_the_way(recording: Recording, tmp_path: Path
             arrivals.sort(key=lambda arrival: arrival[0] + 40 * FRAME_MESSAGES.index(arrival[1]))
         for step, name in arrivals:
             recorder.take_message(name, layout(name).decode(layout(name).encode(FRAMES[step], step)))
+        watch, event = EventWatch(), layout("event")
+        for number, found in enumerate(found for frame in FRAMES for found in watch.see(frame)):
+            recorder.take_message("event", event.decode(event.encode(found, number)))
         recorder.summary("# Deviation kept", '{"verdict": "kept"}')
         recorder.close()
     other = Recording(path)
@@ -222,6 +226,13 @@ def test_content_does_not_depend_on_the_way(recording: Recording, tmp_path: Path
         if "limit" not in entity:  # their rows are the ends of chunks
             for name, values in rows.items():
                 assert np.array_equal(other.rows[entity][name], values), (entity, name)
+
+
+def test_events_are_recorded_in_words(recording: Recording) -> None:
+    rows = recording.rows["/event"]
+    assert [text for (text,) in rows["TextLog:text"][:2]] == ["plan 1 accepted: 0.303 s", "phase lift"]
+    assert rows["step"].tolist()[:2] == [0, 0]
+    assert len(rows["step"]) > 2
 
 
 def test_lost_messages_leave_the_other_rows_whole(tmp_path: Path) -> None:

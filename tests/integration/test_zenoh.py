@@ -16,7 +16,7 @@ import zenoh
 from integration.synthetic_cell import frames, values_of
 
 from deltaph.errors import EnvironmentProblem
-from deltaph.telemetry import DEFAULT_ENDPOINT, BackgroundSink, Message, Publisher, Subscriber, layout, schema_document
+from deltaph.telemetry import DEFAULT_ENDPOINT, EVENT_KINDS, BackgroundSink, Message, Publisher, Subscriber, layout, schema_document
 
 CELL = "test-cell"
 DEADLINE = 20.0  # [s]
@@ -141,7 +141,7 @@ def test_subscriber_gets_messages_documents_and_the_end() -> None:
         publisher.close()
         messages = read()
         assert subscriber.summary == {"verdict": "kept"}
-        assert subscriber.received == {"setpoint": 20, "actual": 20, "timing": 20, "plan": 1}
+        assert subscriber.received == {"setpoint": 20, "actual": 20, "timing": 20, "plan": 1, "event": 2}
         assert set(subscriber.missing.values()) == {0}
     for name in ("setpoint", "actual", "timing"):
         records = [message.record for message in messages if message.name == name]
@@ -180,8 +180,12 @@ def test_lost_frames_show_as_gaps() -> None:
         for frame in (*offered[:3], *offered[5:8], offered[9]):
             publisher.take(frame)
         publisher.close()
-        read()
-        assert subscriber.missing == {"setpoint": 3, "actual": 3, "timing": 3, "plan": 0}
+        events = [message.record for message in read() if message.name == "event"]
+        assert subscriber.missing == {"setpoint": 3, "actual": 3, "timing": 3, "plan": 0, "event": 0}
+    kinds = [EVENT_KINDS[record["kind"]] for record in events]
+    assert kinds == ["plan_accepted", "phase", "dropped", "dropped"]
+    assert [int(record["count"]) for record in events[2:]] == [2, 1]
+    assert [int(record["sequence"]) for record in events] == [0, 1, 2, 3]
 
 
 def test_killed_cell_ends_the_messages() -> None:

@@ -7,11 +7,12 @@ def test_keys_are_those_of_the_contract() -> None:
     keys = CellKeys("cell1")
     assert keys.token == "deltaph/cell1"
     assert keys.everything == "deltaph/cell1/*"
-    assert [keys.of(name) for name in ("setpoint", "actual", "timing", "plan")] == [
+    assert [keys.of(name) for name in ("setpoint", "actual", "timing", "plan", "event")] == [
         "deltaph/cell1/setpoint",
         "deltaph/cell1/actual",
         "deltaph/cell1/timing",
         "deltaph/cell1/plan",
+        "deltaph/cell1/event",
     ]
     assert [keys.of(name) for name in ("schema", "scenario", "summary")] == [
         "deltaph/cell1/schema",

@@ -10,12 +10,13 @@ from integration.synthetic_cell import random_frame, values_of
 
 from deltaph.frame import TIMING
 from deltaph.telemetry import MESSAGE_NAMES, MessageName, layout, schema_document
+from deltaph.telemetry.keys import FRAME_MESSAGES
 from deltaph.variables import variable_table
 
 SIZES = {"uint64": 8, "float64": 8, "int32": 4}
 FORMATS = {"uint64": "<Q", "float64": "<d", "int32": "<i"}
 
-each_message = pytest.mark.parametrize("name", MESSAGE_NAMES)
+each_message = pytest.mark.parametrize("name", [*FRAME_MESSAGES, "plan"])  # an event is not a frame: test_events.py
 
 
 def schema_of(name: MessageName) -> dict[str, Any]:
@@ -75,7 +76,7 @@ def test_schema_carries_units_and_enumerations() -> None:
 
 def test_encodings_name_the_message_and_its_version() -> None:
     assert [layout(name).encoding for name in MESSAGE_NAMES] == [
-        f"application/cdr;deltaph.{name}" for name in ("Setpoint;v=1", "Actual;v=1", "Timing;v=2", "Plan;v=1")
+        f"application/cdr;deltaph.{name}" for name in ("Setpoint;v=1", "Actual;v=1", "Timing;v=2", "Plan;v=1", "Event;v=1")
     ]
 
 
