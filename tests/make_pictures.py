@@ -1,4 +1,4 @@
-"""Makes the README's picture: runs the paper's case with factory and with tuned gains and photographs the recordings.
+"""Makes the README's pictures: the paper's case with tuned and with factory gains, and compared with the time-optimal law.
 
     python tests/make_pictures.py
 
@@ -70,14 +70,18 @@ def loaded(url: str) -> ViewerClient:
 def main() -> None:
     """Make the pictures."""
     PICTURES.mkdir(exist_ok=True)
+    deltaph = Path(sys.executable).with_name("deltaph")
     with tempfile.TemporaryDirectory() as directory:
-        for name in ("paper", "factory_gains"):
-            recording = Path(directory) / f"{name}.rrd"
-            deltaph = Path(sys.executable).with_name("deltaph")
-            subprocess.run(
-                [deltaph, "run", ROOT / "scenarios" / f"{name}.toml", "--no-telemetry", "--record", recording], check=True
-            )
-            photograph(recording, PICTURES / f"{name}.png", 0.056)
+        recordings = {
+            name: Path(directory) / f"{name}.rrd" for name in ("paper", "factory_gains", "time_optimal", "comparison_of_two")
+        }
+        *runs, both = recordings
+        for name in runs:
+            scenario = ROOT / "scenarios" / f"{name}.toml"
+            subprocess.run([deltaph, "run", scenario, "--no-telemetry", "--record", recordings[name]], check=True)
+        subprocess.run([deltaph, "compare", recordings["paper"], recordings["time_optimal"], "-o", recordings[both]], check=True)
+        for name in ("paper", "factory_gains", both):
+            photograph(recordings[name], PICTURES / f"{name}.png", 0.056)
 
 
 if __name__ == "__main__":
