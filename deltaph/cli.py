@@ -224,12 +224,24 @@ def record(
 
 @app.command()
 def view(file: Annotated[Path, typer.Argument(metavar="FILE.rrd", help="recording to open")]) -> None:
-    """Open a recording in the Rerun viewer."""
+    """Open a recording in the Rerun viewer. One whose writer was killed is opened as a repaired copy, which is left beside it.
+
+    Example: deltaph view paper.rrd
+    """
+    from deltaph.telemetry.repair import is_whole, repair
+
     if not file.is_file():
         raise EnvironmentProblem(f"there is no recording {file}: write one with `deltaph run SCENARIO --record {file}`")
     viewer = shutil.which("rerun", path=str(Path(sys.executable).parent)) or shutil.which("rerun")
     if viewer is None:
         raise EnvironmentProblem("the Rerun viewer is missing: install rerun-sdk again")
+    if not is_whole(file):
+        repaired = file.with_suffix(".repaired.rrd")
+        check_writable(repaired)
+        replace(repaired, lambda path: repair(file, path))
+        note = f"{file} was not finished: what could be read of it is in {repaired}, which is opened"
+        Console(stderr=True).print(note, style="dim", soft_wrap=True)
+        file = repaired
     raise typer.Exit(subprocess.run([viewer, str(file), "--bind", "127.0.0.1"], check=False).returncode)
 
 

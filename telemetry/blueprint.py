@@ -72,7 +72,10 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
     near = 5.0 * float(scene.corner_deviation.max())
     motion = rrb.Vertical(
         _plot("Distance to the nearer vertex [m]: red is the prescribed deviation", "path/deviation/**", top=near),
-        _plot("Joint velocity [rad/s]: broad actual, thin setpoint; joint 1 blue, 2 yellow, 3 green; on a move along x 3 covers 2", "joint/velocity/**"),
+        _plot(
+            "Joint velocity [rad/s]: broad actual, thin setpoint; joint 1 blue, 2 yellow, 3 green (covers 2 on moves along x)",
+            "joint/velocity/**",
+        ),
         _plot("Joint torque [N.m]", "joint/torque/**"),
         _plot("Joint tracking error: setpoint - actual [rad]", "joint/tracking_error"),
         rrb.StateTimelineView(name="Phase", origin="/", contents=["phase", "trip"]),

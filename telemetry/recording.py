@@ -115,6 +115,7 @@ class Recorder:
             stream.send_property("scenario", facts)
             for entity, archetype in self._still:
                 stream.log(entity, archetype, static=True, strict=True)
+            stream.flush()  # a recorder that is killed leaves a file that says what it is
         return self._open_stream
 
     def _stills(self) -> Iterator[tuple[str, Any]]:
