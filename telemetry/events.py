@@ -63,7 +63,7 @@ class Event(NamedTuple):
     @property
     def kind(self) -> EventKind:
         """What happened."""
-        return EVENT_KINDS[self.integers[0]]
+        return EVENT_KINDS[int(self.integers[0])]
 
 
 def _columns(model: Model, *, floats: bool) -> dict[str, int]:
@@ -136,7 +136,7 @@ def event(frame: Frame, kind: EventKind, **values: float) -> Event:
 
 def level(record: np.void) -> str:
     """How grave a decoded event is: INFO, WARN or ERROR."""
-    return _LEVELS.get(EVENT_KINDS[record["kind"]], "INFO")
+    return _LEVELS.get(EVENT_KINDS[int(record["kind"])], "INFO")
 
 
 def sentence(record: np.void) -> str:
@@ -144,7 +144,8 @@ def sentence(record: np.void) -> str:
     items = {name: names[record[name]] for name, names, _ in EVENT_INTEGERS if names}
     count, reason = int(record["count"]), items["status"]
     numbers = f"required {record['required']:.6g}, available {record['available']:.6g}"
-    match EVENT_KINDS[record["kind"]]:
+    kind = EVENT_KINDS[int(record["kind"])]
+    match kind:
         case "plan_accepted":
             return f"plan {count} accepted: {record['duration']:g} s"
         case "plan_refused":

@@ -30,7 +30,7 @@ def repair(path: Path, repaired: Path) -> None:
         EnvironmentProblem: nothing can be read.
     """
     binary = Path(rerun_cli.__file__).with_name("rerun")
-    command = [binary, "rrd", "optimize", "--continue-on-error", path, "-o", repaired]
+    command = [str(binary), "rrd", "optimize", "--continue-on-error", str(path), "-o", str(repaired)]
     done = subprocess.run(command, capture_output=True, check=False)
     if done.returncode != 0 or not is_whole(repaired):
         repaired.unlink(missing_ok=True)
