@@ -76,6 +76,17 @@ def schema() -> None:
 
 
 @app.command()
+def header() -> None:
+    """Print a C header of the Zenoh messages, for subscribers in C and C++.
+
+    Example: deltaph header > deltaph_messages.h
+    """
+    from deltaph.telemetry.c_header import c_header
+
+    typer.echo(c_header(), nl=False)
+
+
+@app.command()
 def plan(
     scenario: ScenarioArgument,
     csv: CsvOption = None,

@@ -6,6 +6,7 @@ the 8-byte fields first there is no padding, so that any language reads a messag
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -54,6 +55,11 @@ class Field:
     description: str
     group: str
     items: tuple[str, ...] = ()
+
+    @property
+    def word(self) -> str:
+        """The name as an identifier, such as `joint_1_position`."""
+        return re.sub(r"[^a-z0-9]+", "_", self.name.lower())
 
     def schema(self) -> dict[str, Any]:
         """For JSON."""
@@ -172,7 +178,16 @@ class Layout:
             "header": HEADER.hex(" "),
             "size": self.size,
             "fields": [field.schema() for field in self.fields],
+            "ros_message": self.ros_message(),
         }
+
+    def ros_message(self) -> str:
+        """The same layout as a ROS 2 interface definition (`.msg`); items of enumerations are its constants."""
+        lines = []
+        for field in self.fields:
+            lines += [f"int32 {field.word.upper()}_{item.upper()}={number}" for number, item in enumerate(field.items)]
+            lines.append(f"{field.type} {field.word}  # {field.description}" + (f" [{field.unit}]" if field.unit else ""))
+        return "\n".join(lines) + "\n"
 
 
 _HEAD_FIELDS = (

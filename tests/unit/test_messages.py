@@ -2,11 +2,13 @@
 
 import json
 import struct
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 import pytest
 from integration.synthetic_cell import random_frame, values_of
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from deltaph.frame import TIMING
 from deltaph.telemetry import MESSAGE_NAMES, MessageName, layout, schema_document
@@ -38,15 +40,25 @@ def test_reader_with_nothing_but_the_schema_gets_every_value(name: MessageName) 
 
 
 @each_message
+def test_ros_reads_the_bytes_with_the_published_definition(name: MessageName) -> None:
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(schema_of(name)["ros_message"], f"deltaph/msg/{name.capitalize()}"))
+    frame = random_frame(11)
+    read = store.deserialize_cdr(layout(name).encode(frame, sequence=3), f"deltaph/msg/{name.capitalize()}")
+    values = [getattr(read, field.name) for field in fields(read) if field.name.islower() and not field.name.startswith("_")]
+    assert values == list({"sequence": 3, **values_of(frame)[name]}.values())
+
+
+@each_message
 def test_fields_are_aligned_to_the_end_of_the_header_and_leave_no_gap(name: MessageName) -> None:
-    fields = schema_of(name)["fields"]
-    assert [(f["name"], f["type"], f["offset"]) for f in fields[:3]] == [
+    found = schema_of(name)["fields"]
+    assert [(f["name"], f["type"], f["offset"]) for f in found[:3]] == [
         ("sequence", "uint64", 4),
         ("time", "float64", 12),
         ("unix_time_ns", "uint64", 20),
     ]
     end = 4
-    for field in fields:
+    for field in found:
         assert field["offset"] == end
         assert (field["offset"] - 4) % SIZES[field["type"]] == 0
         end += SIZES[field["type"]]
