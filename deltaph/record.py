@@ -10,11 +10,10 @@ from pathlib import Path
 from rich.console import Console
 
 from deltaph.errors import DeltaphError
-from deltaph.plan import Plan
-from deltaph.report import summary_markdown
 from deltaph.scenario import scenario_from_json
-from deltaph.scene import scene_of
+from deltaph.scene import corner_marks, scene_of
 from deltaph.telemetry import CellKeys, Recorder, Subscriber
+from deltaph.verdict import summary_markdown
 
 
 def record_cell(cell: str, connect: Sequence[str], output: Path, log: Console) -> None:
@@ -32,7 +31,8 @@ def record_cell(cell: str, connect: Sequence[str], output: Path, log: Console) -
             subscriber = stack.enter_context(Subscriber(cell, connect))
             subscriber.wait_for_cell()
             scenario = scenario_from_json(json.dumps(subscriber.ask("scenario")))
-        recorder = Recorder(output, scene_of(scenario, Plan.of(scenario)))
+        scene = scene_of(scenario)
+        recorder = Recorder(output, scene)
         stack.callback(recorder.close)
         try:
             with log.status(f"recording {scenario.title}"):
@@ -41,7 +41,8 @@ def record_cell(cell: str, connect: Sequence[str], output: Path, log: Console) -
         except KeyboardInterrupt:
             log.print("interrupted: the recording ends here", style="dim", soft_wrap=True)
         if subscriber.summary is not None:
-            recorder.summary(summary_markdown(scenario, subscriber.summary), json.dumps(subscriber.summary))
+            facts = subscriber.summary
+            recorder.summary(summary_markdown(scenario, facts), json.dumps(facts), corner_marks(facts, scene))
     lost = sum(subscriber.missing.values())
     received = subscriber.received["actual"]
     log.print(

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
 from deltaph.checks import Check, deviation_tolerance
-from deltaph.execution import Execution, Trace, percentiles
+from deltaph.execution import CornerPass, Execution, Trace, percentiles
 from deltaph.pacing import CAUSES, HISTOGRAM_US, histogram
 from deltaph.plan import Plan
 from deltaph.scenario import Scenario
@@ -48,6 +48,7 @@ def executed_facts(execution: Execution) -> dict[str, Any]:
     """The `executed` object of `run --json`."""
     return {
         "corner_deviation_m": list(execution.corner_deviation),
+        "corners": [_corner_facts(corner) for corner in execution.corners],
         "overshoot_m": execution.overshoot,
         "tracking_error_joint_max_rad": execution.tracking_error_joint_max,
         "tracking_error_tcp_max_m": execution.tracking_error_tcp_max,
@@ -59,6 +60,21 @@ def executed_facts(execution: Execution) -> dict[str, Any]:
         "trip": execution.trip,
         "trip_time_s": execution.trip_time,
         "trip_axis": execution.trip_axis,
+    }
+
+
+def _corner_facts(corner: CornerPass) -> dict[str, Any]:
+    return {
+        "operation": corner.operation,
+        "side": corner.side,
+        "prescribed_m": corner.prescribed,
+        "planned_m": corner.planned,
+        "executed_m": corner.executed,
+        "time_s": corner.time,
+        "nearest_m": list(corner.nearest),
+        "tracking_error_m": corner.tracking_error,
+        "lag_m": corner.lag,
+        "joint_tracking_error_rad": list(corner.joint_tracking_error),
     }
 
 
@@ -192,55 +208,6 @@ def print_run(
     print_checks(console, checks)
 
 
-def summary_markdown(scenario: Scenario, facts: Mapping[str, Any]) -> str:
-    """The summary of a run as the text of a recording: the verdict first.
-
-    Args:
-        scenario: what was run.
-        facts: the JSON report of the run.
-    """
-    executed, planned = facts["executed"], facts["plan"]["corner_deviation_m"]
-    tolerance = deviation_tolerance(scenario)
-    rows, kept = [], True
-    for i, side in enumerate(("pick side", "place side")):
-        found = side_deviations(executed["corner_deviation_m"], i)
-        if found:
-            prescribed, worst = scenario.task.corner_deviation[i], max(found)
-            ok = worst <= prescribed + tolerance
-            kept = kept and ok
-            verdict = "kept" if ok else "**not kept**"
-            rows.append(f"| {side} | {1e3 * prescribed:g} | {1e3 * planned[i]:.4f} | {1e3 * worst:.4f} | {verdict} |")
-    motor = {name: max(executed[f"motor_torque_{name}_Nm"]) for name in ("max", "rms")}
-    step_us, factor = facts["timing"]["step_us"]["p50"], facts["timing"]["real_time_factor"]
-    axis = f" of axis {executed['trip_axis']}" if executed["trip_axis"] else ""
-    trip = "none" if executed["trip_time_s"] is None else f"**{executed['trip']}**{axis} at {1e3 * executed['trip_time_s']:g} ms"
-    lines = [
-        f"# Deviation {'kept' if kept else 'NOT kept'} in the machine",
-        "",
-        scenario.title,
-        "",
-        f"| corner | prescribed, mm | planned, mm | executed, mm | within {1e3 * tolerance:g} mm |",
-        "|---|---|---|---|---|",
-        *rows,
-        "",
-        f"- law {scenario.law.name}, {1e3 * facts['plan']['duration_s']:g} ms, {scenario.gains} drive gains, "
-        f"payload {scenario.payload:g} kg",
-        f"- tracking error at most {1e3 * executed['tracking_error_tcp_max_m']:.4f} mm at the tcp, "
-        f"{1e3 * executed['tracking_error_joint_max_rad']:.4f} mrad at a joint",
-        f"- excursion outside the right angles at most {1e3 * executed['overshoot_m']:.4f} mm",
-        f"- motor torque at most {motor['max']:.2f} N m, rms {motor['rms']:.2f} N m",
-        f"- trip: {trip}",
-        f"- step of both FMUs: median {step_us:.0f} us; real-time factor {factor:.2f}",
-        "",
-    ]
-    if facts["expect"]:
-        lines += ["| expectation | found | expected | |", "|---|---|---|---|"]
-        lines += [
-            f"| {c['name']} | {_found(c['value'])} | {c['limit']} | {'ok' if c['ok'] else '**missed**'} |" for c in facts["expect"]
-        ]
-    return "\n".join(lines) + "\n"
-
-
 def side_deviations(corner_deviation: Sequence[float], side: int) -> list[float]:
     """Of executed deviations in path order, those at the corner above the pick (0) or the place point (1) of the first operation.
 
@@ -249,7 +216,8 @@ def side_deviations(corner_deviation: Sequence[float], side: int) -> list[float]
     return [d for k, d in enumerate(corner_deviation) if (k % 2) ^ (k // 2 % 2) == side]
 
 
-def _found(value: float | str) -> str:
+def found_text(value: float | str) -> str:
+    """What was found, for people."""
     return f"{value:.5g}" if isinstance(value, float) else value
 
 
@@ -259,5 +227,5 @@ def print_checks(console: Console, checks: Sequence[Check]) -> None:
         return
     table = Table("expectation", "found", "expected", "", box=None, pad_edge=False)
     for check in checks:
-        table.add_row(check.name, _found(check.value), check.limit, _mark(check.ok))
+        table.add_row(check.name, found_text(check.value), check.limit, _mark(check.ok))
     console.print(table)

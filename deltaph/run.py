@@ -18,10 +18,11 @@ from deltaph.fmu import cached_fmus
 from deltaph.frame import Frame
 from deltaph.importer import Schedule, cosimulate, schedule
 from deltaph.pacing import Undisturbed
-from deltaph.report import executed_facts, plan_facts, print_run, summary_markdown, timing_facts
+from deltaph.report import executed_facts, plan_facts, print_run, timing_facts
 from deltaph.scenario import load_scenario
-from deltaph.scene import scene_of
+from deltaph.scene import corner_marks, scene_of
 from deltaph.telemetry import BackgroundSink, Publisher
+from deltaph.verdict import provenance_facts, summary_markdown
 
 PROGRESS_STEPS = 100
 """Steps between two updates of the progress bar."""
@@ -96,7 +97,8 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
             with log.status("opening the recording"):
                 from deltaph.telemetry import Recorder  # Rerun takes a second to import
 
-                recorder = Recorder(options.record, scene_of(scenario, plan))
+                scene = scene_of(scenario)
+                recorder = Recorder(options.record, scene)
             sinks.append(recording := BackgroundSink(recorder, QUEUE_FRAMES))
             stack.callback(recording.close)
 
@@ -127,11 +129,12 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
             },
             "recording": str(options.record) if options.record is not None else None,
             "expect": [check.as_dict() for check in checks],
+            "provenance": provenance_facts(scenario),
         }
         if publisher is not None:
             publisher.set_summary(json.dumps(facts))
         if recorder is not None:
-            recorder.summary(summary_markdown(scenario, facts), json.dumps(facts))
+            recorder.summary(summary_markdown(scenario, facts), json.dumps(facts), corner_marks(facts, scene))
 
     print_run(console, scenario, plan, execution, trace, checks, realtime=options.realtime is not None)
     if options.record is not None:

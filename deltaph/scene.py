@@ -1,30 +1,98 @@
-"""What a recording shows of a scenario and its plan that does not move."""
+"""What a recording shows of a scenario and its plans that is known before the run."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 
+from deltaph.importer import Operation, schedule
 from deltaph.plan import Plan
 from deltaph.scenario import Scenario
-from deltaph.telemetry import Scene
+from deltaph.telemetry.scene import CornerMark, Move, Scene
+
+PATH_STEP_MS = 0.25
+"""Between two points of a drawn path: at 5 m/s 1.25 mm, whose chord is within 0.02 mm of a corner of 10 mm radius."""
 
 
-def scene_of(scenario: Scenario, plan: Plan) -> Scene:
-    """The scene of a plan, for the recorder, which knows no kinematics."""
-    task, parameters = plan.task, scenario.robot.parameters
+def scene_of(scenario: Scenario) -> Scene:
+    """The scene of a scenario, for the recorder, which knows no kinematics. Cycles repeat it.
+
+    Raises:
+        InfeasibleError: a task cannot be planned.
+    """
+    operations = schedule(scenario).operations
+    plans = [operation.plan for operation in operations]
+    parameters = scenario.robot.parameters
     angle = np.radians([0.0, 120.0, 240.0])
     arms = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(3)])
+    quantities = ("joint_velocity", "joint_acceleration", "joint_torque", "tcp_speed")
     return Scene(
         title=scenario.title,
         law=scenario.law.name,
         scenario_json=scenario.json,
-        right_angle_path=np.array([task.pick, *plan.vertices, task.place]),
-        corner_deviation=np.array(task.corner_deviation),
-        planned_path=plan.sample(plan.grid())["tcp_position"],
+        moves=[_move(operation) for operation in operations],
         limits=asdict(scenario.limits),
+        joint_range=(parameters["robot.joint_position_min"], parameters["robot.joint_position_max"]),
+        peaks={name: max(float(np.max(getattr(plan.peaks, name))) for plan in plans) for name in quantities},
+        coinciding_joints=_coinciding_joints(plans),
         base_points=parameters["robot.base_radius"] * arms,
         platform_offsets=parameters["robot.platform_radius"] * arms,
         elbows=scenario.robot.elbows,
+        payload=_payload(scenario),
     )
+
+
+def corner_marks(facts: Mapping[str, Any], scene: Scene) -> list[CornerMark]:
+    """Of a run's JSON report, the worst pass of each corner, pick side first.
+
+    Of cycles, the way back passes the corners of the same move in the other order.
+    """
+    worst: dict[int, Mapping[str, Any]] = {}
+    for corner in facts["executed"]["corners"]:
+        side = corner["side"]
+        if side not in worst or _excess(corner) > _excess(worst[side]):
+            worst[side] = corner
+    last = len(scene.moves) - 1
+    return [
+        CornerMark(min(found["operation"], last), side, found["planned_m"], found["executed_m"], found["nearest_m"])
+        for side, found in sorted(worst.items())
+    ]
+
+
+def _excess(corner: Mapping[str, Any]) -> float:
+    return float(corner["executed_m"] - corner["prescribed_m"])
+
+
+def _move(operation: Operation) -> Move:
+    plan = operation.plan
+    samples = plan.sample(plan.grid(PATH_STEP_MS))
+    path = samples["tcp_position"]
+    nearest = [int(np.argmin(np.linalg.norm(path - vertex, axis=1))) for vertex in plan.vertices]
+    corners = [phase for phase in plan.phases if phase.name in ("pick_corner", "place_corner")]
+    times = [np.linspace(phase.start, phase.start + phase.duration, 101) for phase in corners]
+    return Move(
+        start=operation.start_ms / 1000.0,
+        right_angle_path=np.array([plan.task.pick, *plan.vertices, plan.task.place]),
+        corner_deviation=np.array(plan.task.corner_deviation),
+        planned_path=path,
+        corner_paths=[plan.sample(t)["tcp_position"] for t in times] if len(corners) == 2 else (),
+        corner_times=operation.start_ms / 1000.0 + plan.grid(PATH_STEP_MS)[nearest],
+    )
+
+
+def _coinciding_joints(plans: Sequence[Plan]) -> tuple[int, ...]:
+    """Joints that move alike in every plan, to a nanoradian: their lines cannot be told apart."""
+    positions = np.concatenate([plan.sample(plan.grid())["joint_position"] for plan in plans])
+    for pair in ((1, 2), (0, 2), (0, 1)):
+        if np.allclose(positions[:, pair[0]], positions[:, pair[1]], rtol=0.0, atol=1e-9):
+            return pair[0] + 1, pair[1] + 1
+    return ()
+
+
+def _payload(scenario: Scenario) -> list[tuple[float, float]]:
+    """What the robot really carries, as (from when [s], mass [kg])."""
+    changes = [(fault.time, fault.inputs["payload.mass"]) for fault in scenario.faults if "payload.mass" in fault.inputs]
+    return [(0.0, scenario.payload), *changes]

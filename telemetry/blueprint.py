@@ -2,113 +2,193 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import rerun.blueprint as rrb
 
-from deltaph.telemetry.scene import FloatArray, Scene
-from deltaph.telemetry.world import CORNERS, EXECUTED_PATH
+from deltaph.telemetry import corner
+from deltaph.telemetry.scene import UP, Scene
+from deltaph.telemetry.signals import PLOT, shown_unit
+from deltaph.telemetry.world import ARROWS, CORNERS, EXECUTED_PATH
+
+TRACE_SECONDS = 1.0
+"""Of the executed path that the cell shows before and after the cursor: a whole run of hours would not scrub."""
 
 _ALWAYS = rrb.VisibleTimeRanges(
     [rrb.VisibleTimeRange("sim_time", start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite())]
 )
-_SO_FAR = rrb.VisibleTimeRanges(
-    [rrb.VisibleTimeRange("sim_time", start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative())]
+_AROUND = rrb.VisibleTimeRanges(
+    [
+        rrb.VisibleTimeRange(
+            "sim_time",
+            start=rrb.TimeRangeBoundary.cursor_relative(seconds=-TRACE_SECONDS),
+            end=rrb.TimeRangeBoundary.cursor_relative(seconds=TRACE_SECONDS),
+        )
+    ]
 )
 
-
-def _looking(scene: Scene, target: FloatArray, distance: float, aside: float = 0.0, above: float = 0.0) -> rrb.EyeControls3D:
-    """A camera that sees pick on the left and place on the right; `aside` and `above` turn it off the normal of that plane."""
-    up = np.array([0.0, 0.0, 1.0])
-    direction = np.cross(scene.across, up) + aside * scene.across + above * up
-    return rrb.EyeControls3D(
-        kind=rrb.Eye3DKind.Orbital,
-        position=target + distance * direction / np.linalg.norm(direction),
-        look_target=target,
-        eye_up=up,
-    )
+_FAR_LIMIT = 3.0
+"""A limit this many times the planned peak is outside of the picture, where it would flatten the curves; its name says so."""
 
 
 def _cell(scene: Scene) -> rrb.Spatial3DView:
-    height = 0.5 * float(scene.vertices[:, 2].mean())
-    target = np.array([*scene.vertices[:, :2].mean(axis=0), height])
+    """Seen with pick on the left and place on the right, a little from above; the robot fills the picture."""
+    vertices = np.concatenate([move.vertices for move in scene.moves])
+    low = float(min(move.right_angle_path[:, 2].min() for move in scene.moves))
+    target = np.array([0.3 * vertices[:, 0].mean(), 0.3 * vertices[:, 1].mean(), 0.5 * low])
+    across = scene.moves[0].across
+    direction = np.cross(across, UP) + 0.35 * across + 0.22 * UP
     return rrb.Spatial3DView(
         origin="world",
         name="Cell",
         contents=["$origin/**"],
-        overrides={EXECUTED_PATH: _SO_FAR},
-        eye_controls=_looking(scene, target, -4.4 * height, aside=0.35, above=0.25),
+        overrides={EXECUTED_PATH: _AROUND, ARROWS: rrb.EntityBehavior(visible=False)},
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital,
+            position=target - 1.9 * low * direction / np.linalg.norm(direction),
+            look_target=target,
+            eye_up=UP,
+        ),
         line_grid=False,
     )
 
 
-def _corner(scene: Scene, index: int) -> rrb.Spatial3DView:
-    deviation = max(float(scene.corner_deviation[index]), 1e-3)
-    inside = scene.across if index == 0 else -scene.across
-    target = scene.vertices[index] + deviation * (inside - np.array([0.0, 0.0, 1.0]))
-    millimetres = f"{1000.0 * scene.corner_deviation[index]:g} mm"
-    return rrb.Spatial3DView(
-        origin="world",
-        name=f"{CORNERS[index].capitalize()} corner: prescribed {millimetres}",
-        contents=["world/path/**", f"world/corner/{CORNERS[index]}/**", f"- world/corner/{CORNERS[index]}/ball"],
-        overrides={EXECUTED_PATH: _ALWAYS},
-        eye_controls=_looking(scene, target, 5.0 * deviation),
-        line_grid=False,
+def _corner(scene: Scene, index: int) -> rrb.Spatial2DView:
+    size = corner.size(scene, index)
+    reach = (-1.6 * size, 4.4 * size)
+    several = f", {len(scene.moves)} moves on top of each other" if len(scene.moves) > 1 else ""
+    return rrb.Spatial2DView(
+        origin=f"corner/{CORNERS[index]}",
+        name=f"{CORNERS[index].capitalize()} corner [mm]{several}",
+        contents=["$origin/**"],
+        overrides={corner.executed_entity(index): _ALWAYS},
+        visual_bounds=rrb.VisualBounds2D(
+            x_range=reach if index == 0 else (-reach[1], -reach[0]), y_range=(-2.2 * size, 3.8 * size)
+        ),
     )
 
 
-def _plot(name: str, *contents: str, top: float | None = None) -> rrb.TimeSeriesView:
+def _plot(
+    name: str,
+    *contents: str,
+    within: tuple[float, float] | None = None,
+    during: tuple[float, float] | None = None,
+    legend: bool = False,
+) -> rrb.TimeSeriesView:
+    """A plot.
+
+    Args:
+        name: with unit, and what the lines are.
+        contents: entities.
+        within: range of values, all where it is not given.
+        during: range of time [s]; all, and the same in all plots, where it is not given.
+        legend: whether it is shown, which takes room.
+    """
+    if during is None:
+        time = rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal)
+    else:
+        ends = [rrb.TimeRangeBoundary.absolute(seconds=seconds) for seconds in during]
+        time = rrb.TimeAxis(view_range=rrb.TimeRange(start=ends[0], end=ends[1]))
     return rrb.TimeSeriesView(
         name=name,
         origin="/",
         contents=list(contents),
-        axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
-        axis_y=rrb.ScalarAxis(range=(0.0, top)) if top is not None else None,
-        plot_legend=rrb.PlotLegend(visible=False),
+        axis_x=time,
+        axis_y=rrb.ScalarAxis(range=within) if within is not None else None,
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=legend),
     )
+
+
+def _joint_plot(scene: Scene, words: str, quantity: str, si: str, note: str = "") -> rrb.TimeSeriesView:
+    """A quantity of the joints with its limits, which are left out of the picture where they are far away."""
+    unit, factor = shown_unit(f"[{si}]")
+    prefix = PLOT if factor != 1.0 else ""
+    peak = factor * scene.peaks.get(quantity, np.inf)
+    limits = factor * np.ravel(scene.limits.get(quantity, np.inf))
+    entity = f"{prefix}{quantity.replace('_', '/', 1)}/**"
+    name = f"{words} [{unit.replace('.', '·').replace('2', '²')}]{note}"
+    finite = limits[np.isfinite(limits)]
+    if not len(finite):
+        return _plot(name, entity)
+    if np.isfinite(peak) and finite.min() > _FAR_LIMIT * peak:
+        return _plot(f"{name}, limit ±{finite.min():.4g} outside", entity, within=(-1.3 * peak, 1.3 * peak))
+    return _plot(f"{name}, limit red", entity)
+
+
+def _deviations(scene: Scene) -> rrb.Container | rrb.View:
+    """The distance to the vertices: of one move around each corner, of several over all of the time."""
+    entity = f"{PLOT}path/deviation/**"
+    if len(scene.moves) > 1:
+        top = 4.0 * max(corner.size(scene, 0), corner.size(scene, 1))
+        return _plot("Distance to the nearer vertex [mm]: planned blue, executed orange, prescribed red", entity, within=(0.0, top))
+    views = []
+    for index, name in enumerate(CORNERS):
+        size, at = corner.size(scene, index), float(scene.moves[0].corner_times[index])
+        title = f"To the {name} vertex [mm]"  # half the width; the corner's picture tells the colours
+        views.append(_plot(title, entity, within=(-0.2 * size, 3.0 * size), during=(at - 0.025, at + 0.025)))
+    return rrb.Horizontal(*views)
+
+
+def _joint_words(coinciding: Sequence[int]) -> str:
+    """What tells the joints apart, and which ones cannot be."""
+    if not coinciding:
+        return "joint 1 blue, 2 yellow, 3 green"
+    colors = ("blue", "yellow", "green")
+    under, over = coinciding
+    apart = ({1, 2, 3} - {under, over}).pop()
+    return f"{apart} {colors[apart - 1]}; {under} and {over} move alike: {colors[over - 1]} over {colors[under - 1]}"
 
 
 def blueprint(scene: Scene) -> rrb.Blueprint:
     """The layout of a recording."""
-    near = 5.0 * float(scene.corner_deviation.max())
-    motion = rrb.Vertical(
-        _plot("Distance to the nearer vertex [m]: red is the prescribed deviation", "path/deviation/**", top=near),
-        _plot(
-            "Joint velocity [rad/s]: broad actual, thin setpoint; joint 1 blue, 2 yellow, 3 green (covers 2 on moves along x)",
-            "joint/velocity/**",
-        ),
-        _plot("Joint torque [N.m]", "joint/torque/**"),
-        _plot("Joint tracking error: setpoint - actual [rad]", "joint/tracking_error"),
-        rrb.StateTimelineView(name="Phase", origin="/", contents=["phase", "trip"]),
-        row_shares=[3, 2, 2, 2, 1.7],
-        name="Deviation and joints",
+    joints = _joint_words(scene.coinciding_joints)
+    deviation = rrb.Vertical(
+        _deviations(scene),
+        _plot("Tool tracking error, setpoint - actual [mm]: x red, y green, z blue", f"{PLOT}tcp/tracking_error"),
+        _plot(f"Joint tracking error [deg]: {joints}", f"{PLOT}joint/tracking_error"),
+        rrb.StateTimelineView(name="Phase and trip", origin="/", contents=["phase", "trip"]),
+        row_shares=[3, 2.5, 2.5, 1.5],
+        name="Deviation",
     )
-    tool = rrb.Vertical(
-        _plot("Tool speed [m/s]", "tcp/speed/**"),
-        _plot("Tool position [m]", "tcp/position/**"),
-        _plot("Tool tracking error: setpoint - actual [m]", "tcp/tracking_error"),
-        _plot("Joint position [rad]", "joint/position/**"),
-        _plot("Joint acceleration [rad/s2]", "joint/acceleration/**"),
-        name="Tool and more",
+    motion = rrb.Vertical(
+        _joint_plot(scene, "Joint position", "joint_position", "rad", f": {joints}; range red"),
+        _joint_plot(scene, "Joint velocity", "joint_velocity", "rad/s", ": broad actual, thin setpoint"),
+        _joint_plot(scene, "Joint acceleration", "joint_acceleration", "rad/s2"),
+        _joint_plot(scene, "Joint torque", "joint_torque", "N.m"),
+        name="Joints",
     )
     drives = rrb.Vertical(
-        _plot("Motor torque [N.m]", "motor/torque/**"),
+        _plot(f"Motor torque [N·m]: {joints}", "motor/torque/**"),
+        _plot("Motor load, 1 is rated", "motor/load/**"),
         _plot("Motor speed [rad/s]", "motor/speed/**"),
         _plot("Rod force [N]", "rod/force/**"),
         name="Drives",
     )
+    tool = rrb.Vertical(
+        _plot("Tool speed [m/s]: broad actual, thin setpoint", "tcp/speed/**"),
+        _plot("Tool position [mm]: x red, y green, z blue", f"{PLOT}tcp/position/**"),
+        name="Tool",
+    )
     timing = rrb.Vertical(
-        _plot("Step times and lateness [s]", "timing/planner_step", "timing/plant_step", "timing/publish", "timing/lateness"),
+        _plot("Step times and lateness [ms]", f"{PLOT}timing", legend=True),
         _plot("Missed deadlines", "timing/missed_deadlines"),
         _plot("Real-time factor", "timing/real_time_factor"),
-        rrb.TextLogView(name="Events", origin="event"),
         name="Timing",
     )
+    events = rrb.Vertical(
+        rrb.TextLogView(name="Events", origin="event"),
+        rrb.StateTimelineView(name="Phase and trip", origin="/", contents=["phase", "trip"]),
+        row_shares=[3, 1],
+        name="Events",
+    )
     left = rrb.Vertical(
-        rrb.Horizontal(_cell(scene), rrb.TextDocumentView(name="Summary", origin="summary"), column_shares=[4, 5]),
+        rrb.Horizontal(rrb.TextDocumentView(name="Verdict", origin="summary"), _cell(scene), column_shares=[5, 4]),
         rrb.Horizontal(_corner(scene, 0), _corner(scene, 1)),
+        row_shares=[11, 9],
     )
     return rrb.Blueprint(
-        rrb.Horizontal(left, rrb.Tabs(motion, tool, drives, timing, active_tab=0), column_shares=[1, 1]),
+        rrb.Horizontal(left, rrb.Tabs(deviation, motion, drives, tool, timing, events, active_tab=0), column_shares=[11, 9]),
         rrb.TimePanel(state="collapsed", timeline="sim_time", play_state="paused"),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),

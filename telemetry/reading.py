@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from deltaph.errors import EnvironmentProblem
+from deltaph.telemetry.signals import PLOT
 
 FloatArray = NDArray[np.float64]
 
@@ -58,6 +59,8 @@ class Reading:
         found: dict[tuple[str, str], list[Any]] = {}
         for chunk in _chunks(path):
             entity, batch = chunk.entity_path.strip("/"), chunk.to_record_batch()
+            if entity.startswith(PLOT):  # the same in other units
+                continue
             names = batch.schema.names
             if chunk.is_static:
                 self._take_static(entity, {name: batch.column(name)[-1].as_py() for name in names})

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,13 @@ from numpy.typing import NDArray
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import Frame
 from deltaph.telemetry.blueprint import blueprint
+from deltaph.telemetry.corner import executed_entity, marks, near, still_corners
 from deltaph.telemetry.events import EventWatch, level, sentence
 from deltaph.telemetry.keys import FRAME_MESSAGES, MessageName
 from deltaph.telemetry.messages import Layout, Records, layout
-from deltaph.telemetry.scene import Scene
+from deltaph.telemetry.scene import CornerMark, Scene
 from deltaph.telemetry.signals import TRACKING_ERRORS, limits, signals, style
-from deltaph.telemetry.world import MovingWorld, still_world
+from deltaph.telemetry.world import CORNERS, EXECUTED_PATH, POSE_STEPS, MovingWorld, still_world, trace
 
 APPLICATION_ID = "deltaph"
 
@@ -31,7 +33,7 @@ class Recorder:
 
     Args:
         path: file to write; checked now, written from the first chunk on, so that a run that never starts leaves nothing behind.
-        scene: what does not move.
+        scene: what is known before the run.
         chunk: frames that are written at once; writing them takes a few milliseconds.
 
     Raises:
@@ -45,10 +47,11 @@ class Recorder:
         self._signals = signals(scene)
         self._limits = list(limits(scene))
         self._world = MovingWorld(scene)
+        self._unposed = np.empty(0, layout("actual").dtype)  # since the last pose, which comes first
         self._lanes: dict[str, int] = {}
         self._watch = EventWatch()
         self._events: list[np.void] = []
-        self._summary: tuple[str, str] | None = None
+        self._summary: tuple[str, str, Sequence[CornerMark]] | None = None
         self._closed = False
         self._path = path
         self._scene = scene
@@ -74,9 +77,9 @@ class Recorder:
             newest = min(int(messages[-1]["sequence"]) if messages else -1 for messages in self._messages.values())
             self._write_messages(newest)
 
-    def summary(self, markdown: str, summary_json: str) -> None:
-        """The verdict that `close` writes: a text to read and the facts."""
-        self._summary = markdown, summary_json
+    def summary(self, markdown: str, summary_json: str, corners: Sequence[CornerMark] = ()) -> None:
+        """The verdict that `close` writes: a text to read, the facts, and the closest approaches to mark."""
+        self._summary = markdown, summary_json, corners
 
     def close(self) -> None:
         """Write what is left and finish the file. A second call does nothing.
@@ -90,10 +93,14 @@ class Recorder:
         try:
             self._write_frames()
             self._write_messages(None)
+            if len(self._unposed) > 1:
+                self._write_poses(self._unposed, [0, len(self._unposed) - 1])
             if self._summary is not None and self._open_stream is not None:
-                markdown, facts = self._summary
+                markdown, facts, corners = self._summary
                 self._stream.log("summary", _text(markdown), static=True, strict=True)
                 self._stream.send_property("summary", rr.AnyValues(json=facts))
+                for entity, archetype in marks(self._scene, corners):
+                    self._stream.log(entity, archetype, static=True, strict=True)
         finally:
             if self._open_stream is not None:
                 self._open_stream.disconnect()
@@ -121,10 +128,11 @@ class Recorder:
     def _stills(self) -> Iterator[tuple[str, Any]]:
         yield "summary", _text(f"# {self._scene.title}\n\nLaw `{self._scene.law}`. The run ended before its summary.")
         yield from still_world(self._scene)
+        yield from still_corners(self._scene)
         yield from self._world.styles()
         lines = {signal.entity: signal.names for signal in self._signals}
         lines |= {limit.entity: limit.names for limit in self._limits}
-        lines |= {entity: names for entity, (_, names) in TRACKING_ERRORS.items()}
+        lines |= {error.entity: error.names for error in TRACKING_ERRORS}
         for entity, names in lines.items():
             yield entity, style(entity, names)
 
@@ -160,20 +168,50 @@ class Recorder:
             if message == name:
                 self._write_lane(entity, records, layout(name), field)
         if name == "actual":
-            for entity, columns in self._world.rows(records):
-                self._send(entity, index, columns)
+            self._take_poses(records)
         if name == "setpoint":
             ends = records[[0, -1]]
             for limit in self._limits:
                 self._send(limit.entity, _index(ends), rr.Scalars.columns(scalars=[limit.values] * 2))
 
+    def _take_poses(self, actual: Records) -> None:
+        """Pose the robot at every POSE_STEPS-th step; what comes after the last one waits, so that chunks leave no trace."""
+        waiting = np.concatenate([self._unposed, actual])
+        groups = waiting["sequence"].astype(np.int64) // POSE_STEPS
+        poses = [0, *(np.flatnonzero(np.diff(groups)) + 1).tolist()]
+        if not len(self._unposed):
+            self._write_poses(waiting[:1], [0])
+        if len(poses) > 1:
+            self._write_poses(waiting, poses)
+        self._unposed = waiting[poses[-1] :]
+
+    def _write_poses(self, records: Records, poses: Sequence[int]) -> None:
+        """The robot at records of these numbers but the first, which was written before, and the path from each to the next."""
+        shown = records[[*poses[1:]]] if len(poses) > 1 else records
+        index = _index(shown)
+        for entity, columns in self._world.rows(shown):
+            self._send(entity, index, columns)
+        if len(poses) < 2:
+            return
+        tcp = layout("actual").values(records, "tcp_position")
+        pieces = [tcp[first : last + 1] for first, last in pairwise(poses)]
+        self._send(EXECUTED_PATH, index, trace(pieces))
+        moves = [self._scene.moves[k] for k in self._scene.move_at(records["time"][poses[:-1]])]
+        for corner in range(len(CORNERS)):
+            seen = [move.seen_from(corner, piece) for move, piece in zip(moves, pieces, strict=True)]
+            close = [k for k, points in enumerate(seen) if near(self._scene, corner, points)]
+            if close:
+                self._send(executed_entity(corner), _index(shown[close]), rr.LineStrips2D.columns(strips=[seen[k] for k in close]))
+
     def _write_tracking_errors(self, setpoint: Records, actual: Records) -> None:
         common, of_setpoint, of_actual = np.intersect1d(setpoint["sequence"], actual["sequence"], return_indices=True)
         if not len(common):
             return
-        for entity, (group, _) in TRACKING_ERRORS.items():
-            error = layout("setpoint").values(setpoint[of_setpoint], group) - layout("actual").values(actual[of_actual], group)
-            self._send(entity, _index(actual[of_actual]), rr.Scalars.columns(scalars=error))
+        for error in TRACKING_ERRORS:
+            difference = layout("setpoint").values(setpoint[of_setpoint], error.group) - layout("actual").values(
+                actual[of_actual], error.group
+            )
+            self._send(error.entity, _index(actual[of_actual]), rr.Scalars.columns(scalars=error.factor * difference))
 
     def _write_events(self) -> None:
         """What happened, in words."""

@@ -1,4 +1,4 @@
-"""What a recording shows that does not move, and that telemetry, which knows no kinematics, has to be given."""
+"""What a recording shows that telemetry, which knows no kinematics, has to be given."""
 
 from __future__ import annotations
 
@@ -10,45 +10,37 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
+UP = np.array([0.0, 0.0, 1.0])
+
 
 @dataclass(frozen=True, kw_only=True)
-class Scene:
-    """The static side of a recording, SI, base frame.
+class Move:
+    """A planned pick-and-place operation, SI, base frame.
 
     Attributes:
-        title: of the recording.
-        law: name of the motion law.
-        scenario_json: the scenario.
+        start: when it begins [s].
         right_angle_path: pick point, vertex above it, vertex above the place point, place point (4, 3) [m].
         corner_deviation: prescribed, at the two vertices (2,) [m].
         planned_path: points of the planned path (n, 3) [m].
-        limits: `joint_velocity`, `joint_acceleration`, `joint_torque` or `tcp_speed` -> one value or one per joint, SI;
-            infinite where there is none. Limits of what is not recorded are ignored.
-        base_points: shoulders (3, 3) [m].
-        platform_offsets: from the tool centre point to the forearms' joints on the platform (3, 3) [m].
-        elbows: joint positions (n, 3) [rad] -> elbows (n, 3 arms, 3) [m].
-        rod_spacing: half the distance between the two rods of a forearm, for the drawing [m].
+        corner_paths: points of its PH corners, each (n, 3) [m]; empty where the law has none.
+        corner_times: when the plan passes the two vertices (2,) [s].
     """
 
-    title: str
-    law: str
-    scenario_json: str
+    start: float = 0.0
     right_angle_path: FloatArray
     corner_deviation: FloatArray
     planned_path: FloatArray
-    limits: Mapping[str, float | Sequence[float]] = field(default_factory=dict)
-    base_points: FloatArray
-    platform_offsets: FloatArray
-    elbows: Callable[[FloatArray], FloatArray]
-    rod_spacing: float = 0.03
+    corner_paths: Sequence[FloatArray] = ()
+    corner_times: FloatArray
 
     def __post_init__(self) -> None:
-        shapes = {"right_angle_path": (4, 3), "corner_deviation": (2,), "base_points": (3, 3), "platform_offsets": (3, 3)}
+        shapes = {"right_angle_path": (4, 3), "corner_deviation": (2,), "corner_times": (2,)}
         for name, shape in shapes.items():
             if np.shape(getattr(self, name)) != shape:
                 raise ValueError(f"{name} has the shape {np.shape(getattr(self, name))} instead of {shape}")
-        if np.ndim(self.planned_path) != 2 or np.shape(self.planned_path)[1] != 3:
-            raise ValueError(f"planned_path has the shape {np.shape(self.planned_path)} instead of (n, 3)")
+        for points in (self.planned_path, *self.corner_paths):
+            if np.ndim(points) != 2 or np.shape(points)[1] != 3:
+                raise ValueError(f"a path has the shape {np.shape(points)} instead of (n, 3)")
 
     @property
     def vertices(self) -> FloatArray:
@@ -57,13 +49,93 @@ class Scene:
 
     @property
     def across(self) -> FloatArray:
-        """Horizontal direction from pick to place (3,), a unit vector."""
-        direction = self.vertices[1] - self.vertices[0]
-        direction[2] = 0.0
-        unit: FloatArray = direction / np.linalg.norm(direction)
+        """Horizontal direction from pick to place (3,), a unit vector; x where one is above the other."""
+        direction = (self.vertices[1] - self.vertices[0]) * [1.0, 1.0, 0.0]
+        length = np.linalg.norm(direction)
+        unit: FloatArray = direction / length if length > 0.0 else np.array([1.0, 0.0, 0.0])
         return unit
 
-    def vertex_distance(self, position: FloatArray) -> FloatArray:
-        """Distance of positions (n, 3) [m] to the nearer vertex (n,) [m]."""
-        distance: FloatArray = np.linalg.norm(position[:, None, :] - self.vertices, axis=2).min(axis=1)
+    def seen_from(self, corner: int, points: FloatArray) -> FloatArray:
+        """Points (..., 3) [m] in the plane of a corner, relative to its vertex: right and down (..., 2) [mm]."""
+        relative = points - self.vertices[corner]
+        seen: FloatArray = 1e3 * np.stack([relative @ self.across, -(relative @ UP)], axis=-1)
+        return seen
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """What is known before the run, SI, base frame.
+
+    Attributes:
+        title: of the recording.
+        law: name of the motion law.
+        scenario_json: the scenario.
+        moves: the operations in order of time, at least one. What comes after them repeats the last one, there or back.
+        limits: `joint_velocity`, `joint_acceleration`, `joint_torque` or `tcp_speed` -> one value or one per joint, SI;
+            infinite where there is none. Limits of what is not recorded are ignored.
+        joint_range: least and greatest joint position [rad].
+        peaks: quantity, named as in `limits` -> greatest planned value, SI.
+        coinciding_joints: joints (1 to 3) that the plan moves alike, so that the line of the last hides those of the others.
+        base_points: shoulders (3, 3) [m].
+        platform_offsets: from the tool centre point to the forearms' joints on the platform (3, 3) [m].
+        elbows: joint positions (n, 3) [rad] -> elbows (n, 3 arms, 3) [m].
+        rod_spacing: half the distance between the two rods of a forearm, for the drawing [m].
+        payload: what the robot carries, as (from when [s], mass [kg]).
+    """
+
+    title: str
+    law: str
+    scenario_json: str
+    moves: Sequence[Move]
+    limits: Mapping[str, float | Sequence[float]] = field(default_factory=dict)
+    joint_range: tuple[float, float] = (-np.inf, np.inf)
+    peaks: Mapping[str, float] = field(default_factory=dict)
+    coinciding_joints: tuple[int, ...] = ()
+    base_points: FloatArray
+    platform_offsets: FloatArray
+    elbows: Callable[[FloatArray], FloatArray]
+    rod_spacing: float = 0.03
+    payload: Sequence[tuple[float, float]] = ((0.0, 0.0),)
+
+    def __post_init__(self) -> None:
+        if not self.moves:
+            raise ValueError("a scene has at least one move")
+        for name in ("base_points", "platform_offsets"):
+            if np.shape(getattr(self, name)) != (3, 3):
+                raise ValueError(f"{name} has the shape {np.shape(getattr(self, name))} instead of (3, 3)")
+
+    @property
+    def corner_deviation(self) -> FloatArray:
+        """Prescribed, at the two vertices of each move (moves, 2) [m]."""
+        return np.array([move.corner_deviation for move in self.moves])
+
+    def move_at(self, time: FloatArray) -> NDArray[np.intp]:
+        """Number of the move that runs at times (n,) [s]; the first before, the last after."""
+        starts = [move.start for move in self.moves]
+        # times are start + n·step: half a microsecond is far above their rounding and far below a step
+        return np.maximum(np.searchsorted(starts, time + 5e-7, side="right") - 1, 0)
+
+    def vertex_distance(self, time: FloatArray, position: FloatArray) -> FloatArray:
+        """Distance of positions (n, 3) [m] at times (n,) [s] to the nearer vertex of the move that runs (n,) [m]."""
+        vertices = np.stack([move.vertices for move in self.moves])[self.move_at(time)]
+        distance: FloatArray = np.linalg.norm(position[:, None, :] - vertices, axis=2).min(axis=1)
         return distance
+
+
+@dataclass(frozen=True, slots=True)
+class CornerMark:
+    """The closest approach to a vertex that is marked: the worst of all passes.
+
+    Attributes:
+        move: number of the move.
+        corner: 0 on the pick side, 1 on the place side.
+        planned: smallest distance of the planned path [m].
+        executed: of the executed path [m].
+        nearest: the executed path's point there (3,) [m].
+    """
+
+    move: int
+    corner: int
+    planned: float
+    executed: float
+    nearest: Sequence[float]

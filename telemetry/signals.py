@@ -21,12 +21,27 @@ Color = tuple[int, int, int]
 
 PLANNED: Color = (130, 200, 255)
 EXECUTED: Color = (225, 120, 30)
+CORNER: Color = (225, 120, 255)
 LIMIT: Color = (235, 60, 60)
 JOINTS: tuple[Color, ...] = ((86, 180, 233), (240, 200, 60), (40, 190, 140))
 AXES: tuple[Color, ...] = ((230, 90, 90), (110, 200, 90), (90, 140, 240))
 
 _HEAD = ("sequence", "time", "unix_time_ns")
 _ENTITIES = {"path/vertex_distance": "path/deviation"}
+_SHOWN = {
+    "m": ("mm", 1e3),
+    "rad": ("deg", 180.0 / np.pi),
+    "rad/s": ("deg/s", 180.0 / np.pi),
+    "rad/s2": ("deg/s2", 180.0 / np.pi),
+    "s": ("ms", 1e3),
+}
+"""SI unit -> unit and factor for people; others stay."""
+
+PLOT = "plot/"
+"""Prefix of what is shown in a unit for people; the same entity without it is SI."""
+
+_PLOTTED = ("path/deviation", "joint/position", "joint/velocity", "joint/acceleration", "tcp/position")
+_STEP_TIMES = ("planner_step", "plant_step", "publish", "lateness")
 _JOINED = ("joint_tracking_error", "tcp_tracking_error")  # recorded as setpoint - actual; the plant extrapolates the setpoint
 
 
@@ -38,7 +53,7 @@ class Signal:
         entity: such as `joint/position/setpoint`.
         message: where its values come from.
         names: of the series, with unit.
-        values: records (n,) -> SI values (n,) or (n, series).
+        values: records (n,) -> values (n,) or (n, series), SI but for plots.
     """
 
     entity: str
@@ -54,12 +69,16 @@ class Limit:
     Attributes:
         entity: such as `joint/velocity/limit`.
         names: of the lines, with unit.
-        values: SI.
+        values: in the unit of the names.
     """
 
     entity: str
     names: tuple[str, ...]
     values: tuple[float, ...]
+
+
+_WIDTHS = {"actual": (5.0, 7.0, 3.5), "setpoint": (1.5, 2.8, 1.2)}
+"""Of the joints' lines: where joints 2 and 3 move alike, joint 2 shows as a rim of joint 3."""
 
 
 def style(entity: str, names: Sequence[str]) -> rr.SeriesLines:
@@ -68,17 +87,17 @@ def style(entity: str, names: Sequence[str]) -> rr.SeriesLines:
     The viewer draws in the order of names, so that a setpoint lies above its actual value.
     """
     role = entity.rpartition("/")[2]
-    if entity.startswith("timing"):
-        return rr.SeriesLines(names=list(names), widths=[1.5])
+    if "timing" in entity:
+        return rr.SeriesLines(names=list(names), widths=[1.5] * len(names))
     if role in ("limit", "limit_below"):
-        colors: Sequence[Color] = [LIMIT] * len(names)
-    elif len(names) == 1:
-        colors = [PLANNED if role == "setpoint" else EXECUTED]
-    else:
-        colors = AXES if entity.startswith("tcp") else JOINTS
-    if role == "actual" and len(names) > 1:
-        colors = [(r // 2, g // 2, b // 2) for r, g, b in colors]
-    return rr.SeriesLines(names=list(names), colors=list(colors), widths=[5.0 if role == "actual" else 1.5] * len(names))
+        return rr.SeriesLines(names=list(names), colors=[LIMIT] * len(names), widths=[1.5] * len(names))
+    if len(names) == 1:
+        color = PLANNED if role == "setpoint" else EXECUTED
+        return rr.SeriesLines(names=list(names), colors=[color], widths=[5.0 if role == "actual" else 1.5])
+    colors = AXES if "tcp" in entity else JOINTS
+    if role == "actual":
+        colors = tuple((r // 2, g // 2, b // 2) for r, g, b in colors)
+    return rr.SeriesLines(names=list(names), colors=list(colors), widths=list(_WIDTHS.get(role, _WIDTHS["setpoint"])))
 
 
 def _group(message: MessageName, group: str, records: Records) -> FloatArray:
@@ -101,7 +120,10 @@ def _fields(message: MessageName) -> Iterator[Signal]:
 
 
 def signals(scene: Scene) -> list[Signal]:
-    """All that comes from one message: its fields, the tool's speed, and the executed path's distance to the nearer vertex."""
+    """All that comes from one message: its fields, the tool's speed, and the executed path's distance to the nearer vertex.
+
+    Then the same in units for people, where they use others.
+    """
     found = [signal for message in ("setpoint", "actual", "timing") for signal in _fields(message)]
     found += [Signal(f"tcp/speed/{m}", m, (f"tcp.speed {m} [m/s]",), partial(_speed, m)) for m in ("setpoint", "actual")]
     found.append(
@@ -109,29 +131,85 @@ def signals(scene: Scene) -> list[Signal]:
             "path/deviation/actual",
             "actual",
             ("path.vertex_distance actual [m]",),
-            lambda records: scene.vertex_distance(layout("actual").values(records, "tcp_position")),
+            lambda records: scene.vertex_distance(records["time"], layout("actual").values(records, "tcp_position")),
         )
     )
-    return found
+    return [*found, *(_plotted(signal) for signal in found if signal.entity.rpartition("/")[0] in _PLOTTED), _step_times()]
 
 
-TRACKING_ERRORS = {
-    "joint/tracking_error": ("joint_position", tuple(f"joint[{i}].tracking_error [rad]" for i in (1, 2, 3))),
-    "tcp/tracking_error": ("tcp_position", tuple(f"tcp.tracking_error.{axis} [m]" for axis in "xyz")),
-}
-"""Entity -> the group of which setpoint and actual value are subtracted, and the names of the series."""
+def _plotted(signal: Signal) -> Signal:
+    """A signal in the unit for people."""
+    unit, factor = shown_unit(signal.names[0])
+    names = tuple(f"{name.rpartition(' ')[0]} [{unit}]" for name in signal.names)
+    return Signal(PLOT + signal.entity, signal.message, names, lambda records: factor * signal.values(records))
+
+
+def _step_times() -> Signal:
+    """What a step takes, in one entity: an entity costs as much as two of its values."""
+
+    def values(records: Records) -> FloatArray:
+        return 1e3 * np.stack([records[name] for name in _STEP_TIMES], axis=-1)
+
+    return Signal(f"{PLOT}timing", "timing", tuple(f"{name} [ms]" for name in _STEP_TIMES), values)
+
+
+def shown_unit(name: str) -> tuple[str, float]:
+    """Unit for people and the factor to it, of a series' name that ends in the SI unit."""
+    si = name.rpartition("[")[2].rstrip("]")
+    return _SHOWN.get(si, (si, 1.0))
+
+
+@dataclass(frozen=True, slots=True)
+class TrackingError:
+    """Setpoint minus actual value, of two messages with the same number.
+
+    Attributes:
+        entity: such as `joint/tracking_error`.
+        group: of which setpoint and actual value are subtracted.
+        names: of the series, with unit.
+        factor: to the unit of the names.
+    """
+
+    entity: str
+    group: str
+    names: tuple[str, ...]
+    factor: float = 1.0
+
+
+def _tracking_errors() -> Iterator[TrackingError]:
+    for body, names, unit in (
+        ("joint", [f"joint[{i}].tracking_error" for i in (1, 2, 3)], "rad"),
+        ("tcp", [f"tcp.tracking_error.{axis}" for axis in "xyz"], "m"),
+    ):
+        yield TrackingError(f"{body}/tracking_error", f"{body}_position", tuple(f"{name} [{unit}]" for name in names))
+        shown, factor = _SHOWN[unit]
+        shown_names = tuple(f"{name} [{shown}]" for name in names)
+        yield TrackingError(f"{PLOT}{body}/tracking_error", f"{body}_position", shown_names, factor)
+
+
+TRACKING_ERRORS = tuple(_tracking_errors())
 
 
 def limits(scene: Scene) -> Iterator[Limit]:
     """The limits of what is recorded: one line where all joints have the same, and for joints the same below zero."""
     units = {signal.entity.rpartition("/")[0]: signal.names[0].rpartition(" ")[2] for signal in signals(scene)}
-    prescribed = ("path/deviation", tuple(np.unique(scene.corner_deviation).tolist()))
-    given = [(quantity.replace("_", "/", 1), tuple(np.unique(value).tolist())) for quantity, value in scene.limits.items()]
-    for entity, values in (prescribed, *given):
+    lines: list[tuple[str, str, tuple[float, ...]]] = [
+        ("path/deviation", "limit", tuple(np.unique(scene.corner_deviation).tolist())),
+        ("joint/position", "limit", scene.joint_range[1:]),
+        ("joint/position", "limit_below", scene.joint_range[:1]),
+    ]
+    for quantity, value in scene.limits.items():
+        entity, values = quantity.replace("_", "/", 1), tuple(np.unique(value).tolist())
+        lines.append((entity, "limit", values))
+        if entity.startswith("joint"):
+            lines.append((entity, "limit_below", tuple(-v for v in values)))
+    for entity, role, values in lines:
         finite = tuple(value for value in values if np.isfinite(value))
         if entity not in units or not finite:
             continue
         names = tuple(f"{entity.replace('/', '.')} limit {units[entity]}" for _ in finite)
-        yield Limit(f"{entity}/limit", names, finite)
-        if entity.startswith("joint"):
-            yield Limit(f"{entity}/limit_below", names, tuple(-value for value in finite))
+        yield Limit(f"{entity}/{role}", names, finite)
+        if entity in _PLOTTED:
+            unit, factor = shown_unit(names[0])
+            shown_names = tuple(f"{name.rpartition(' ')[0]} [{unit}]" for name in names)
+            yield Limit(f"{PLOT}{entity}/{role}", shown_names, tuple(factor * value for value in finite))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltaph.frame import TIMING, Frame
-from deltaph.telemetry import Scene
+from deltaph.telemetry.scene import Move, Scene
 from deltaph.variables import Model, variable_table
 
 FloatArray = NDArray[np.float64]
@@ -63,10 +63,17 @@ def scene() -> Scene:
         title="A made-up operation",
         law="paper",
         scenario_json='{"title": "A made-up operation"}',
-        right_angle_path=RIGHT_ANGLE_PATH,
-        corner_deviation=np.full(2, DEVIATION),
-        planned_path=path(),
+        moves=[
+            Move(
+                right_angle_path=RIGHT_ANGLE_PATH,
+                corner_deviation=np.full(2, DEVIATION),
+                planned_path=path(),
+                corner_paths=[path()[1:202], path()[202:403]],
+                corner_times=np.array([0.056, 0.247]),
+            )
+        ],
         limits={"joint_velocity": (6.0,) * 3, "joint_torque": (80.0, 60.0, 60.0), "joint_jerk": np.inf, "tcp_speed": np.inf},
+        joint_range=(-0.7, 1.7),
         base_points=BASE * _RADIAL,
         platform_offsets=PLATFORM * _RADIAL,
         elbows=elbows,

@@ -7,7 +7,7 @@ import pytest
 
 from deltaph.checks import evaluate_expectations, executed_values, planned_values
 from deltaph.errors import InfeasibleError
-from deltaph.execution import Trace, corner_deviation, evaluate, overshoot
+from deltaph.execution import Trace, evaluate, nearest_point, overshoot
 from deltaph.fmu import cached_fmus
 from deltaph.frame import Frame
 from deltaph.importer import Schedule, cosimulate, schedule
@@ -101,7 +101,7 @@ def test_executed_deviation_is_interpolated_not_sampled() -> None:
     time = np.arange(0.0, 0.3, 0.004)  # a coarse grid that misses the closest point
     s = plan.sample(time)
     sampled = np.linalg.norm(s["tcp_position"] - plan.vertices[0], axis=1).min()
-    found = corner_deviation(time, s["tcp_position"], s["tcp_velocity"], plan.vertices[0])
+    found = nearest_point(time, s["tcp_position"], s["tcp_velocity"], plan.vertices[0])[0]
     assert sampled - 0.006 > 2e-5
     assert found == pytest.approx(0.006, abs=1e-6)
 

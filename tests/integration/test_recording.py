@@ -2,6 +2,7 @@
 
 import subprocess
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from deltaph.frame import Frame
 from deltaph.telemetry import BackgroundSink, Recorder, layout
 from deltaph.telemetry.events import EventWatch
 from deltaph.telemetry.keys import FRAME_MESSAGES
+from deltaph.telemetry.scene import CornerMark
 
 FRAMES = frames(1050, noise=1e-5)  # from the 1025th on, some times are below a whole nanosecond
 RERUN = Path(rerun_cli.__file__).with_name("rerun")
@@ -50,13 +52,23 @@ class Recording:
                 [batch.column("sim_time").to_numpy(zero_copy_only=False).astype(np.int64) for batch in batches]
             )
             order = np.argsort(nanoseconds, kind="stable")
-            self.rows[entity] = {name: np.array(values)[order] for name, values in columns.items()} | {
+            self.rows[entity] = {name: rows_of(values)[order] for name, values in columns.items()} | {
                 "sim_time": nanoseconds[order]
             }
 
     def scalars(self, entity: str) -> NDArray[np.float64]:
         """Values (rows, series)."""
         return self.rows[entity]["Scalars:scalars"]
+
+
+def rows_of(values: list[Any]) -> NDArray[Any]:
+    """Rows of the same size as an array, others as lists."""
+    try:
+        return np.array(values)
+    except ValueError:
+        rows = np.empty(len(values), dtype=object)
+        rows[:] = values
+        return rows
 
 
 def record(path: Path, chunk: int = 1000, *, summary: bool = True, recorded: list[Frame] = FRAMES) -> Path:
@@ -132,8 +144,9 @@ def test_deviation_is_the_distance_to_the_nearer_vertex(recording: Recording) ->
 def test_every_signal_has_one_row_per_frame_at_its_time_and_step(recording: Recording) -> None:
     times = [round(frame.time * 1e9) for frame in FRAMES]
     signals = {e: rows for e, rows in recording.rows.items() if e not in ("/phase", "/trip", "/event") and "limit" not in e}
+    signals = {e: rows for e, rows in signals.items() if not e.startswith(("/world", "/corner"))}
     assert {entity.split("/")[1] for entity in signals} == {
-        *("joint", "tcp", "path", "motor", "rod", "constraint", "trip_time", "timing", "world")
+        *("joint", "tcp", "path", "motor", "rod", "constraint", "trip_time", "timing", "plot")
     }
     for entity, rows in signals.items():
         assert rows["sim_time"].tolist() == times, entity
@@ -163,24 +176,153 @@ def test_finite_limits_span_the_recording(recording: Recording) -> None:
     assert not [entity for entity in recording.rows if entity.startswith(("/joint/jerk", "/tcp/speed/limit"))]
 
 
+def test_joint_range_is_a_limit(recording: Recording) -> None:
+    for entity, factor in (("/joint/position", 1.0), ("/plot/joint/position", 180.0 / np.pi)):
+        assert np.unique(recording.scalars(f"{entity}/limit_below")) == pytest.approx([-0.7 * factor])
+        assert np.unique(recording.scalars(f"{entity}/limit")) == pytest.approx([1.7 * factor])
+
+
+@pytest.mark.parametrize(
+    ("entity", "unit", "factor"),
+    [
+        ("path/deviation/setpoint", "mm", 1e3),
+        ("path/deviation/actual", "mm", 1e3),
+        ("path/deviation/limit", "mm", 1e3),
+        ("joint/position/setpoint", "deg", 180.0 / np.pi),
+        ("joint/velocity/actual", "deg/s", 180.0 / np.pi),
+        ("joint/velocity/limit", "deg/s", 180.0 / np.pi),
+        ("joint/acceleration/setpoint", "deg/s2", 180.0 / np.pi),
+        ("tcp/position/actual", "mm", 1e3),
+        ("joint/tracking_error", "deg", 180.0 / np.pi),
+        ("tcp/tracking_error", "mm", 1e3),
+    ],
+)
+def test_plots_show_the_same_in_units_for_people(recording: Recording, entity: str, unit: str, factor: float) -> None:
+    np.testing.assert_allclose(recording.scalars(f"/plot/{entity}"), factor * recording.scalars(f"/{entity}"), rtol=1e-15)
+    assert all(name.endswith(f" [{unit}]") for name in recording.static[f"/plot/{entity}"]["SeriesLines:names"])
+
+
+def test_step_times_are_plotted_in_milliseconds(recording: Recording) -> None:
+    names = ("planner_step", "plant_step", "publish", "lateness")
+    assert recording.static["/plot/timing"]["SeriesLines:names"] == [f"{name} [ms]" for name in names]
+    assert np.array_equal(recording.scalars("/plot/timing"), 1e3 * column("timing", *names))
+
+
+def test_joints_differ_by_colour_setpoint_and_actual_by_width(recording: Recording) -> None:
+    setpoint, actual = (recording.static[f"/joint/torque/{role}"] for role in ("setpoint", "actual"))
+    assert len(set(setpoint["SeriesLines:colors"])) == 3
+    widths = zip(setpoint["SeriesLines:widths"], actual["SeriesLines:widths"], strict=True)
+    assert all(thin < broad for thin, broad in widths)
+    assert setpoint["SeriesLines:widths"][1] > setpoint["SeriesLines:widths"][2]  # where joints 2 and 3 coincide, both are seen
+
+
 def test_series_are_named_with_their_unit(recording: Recording) -> None:
     assert recording.static["/joint/velocity/actual"]["SeriesLines:names"][0] == "joint[1].velocity actual [rad/s]"
     assert recording.static["/tcp/tracking_error"]["SeriesLines:names"] == [f"tcp.tracking_error.{axis} [m]" for axis in "xyz"]
     assert recording.static["/joint/torque/limit"]["SeriesLines:names"][0] == "joint.torque limit [N.m]"
 
 
+POSES = [*range(0, len(FRAMES), 10), len(FRAMES) - 1]
+
+
+def ends(recording: Recording, part: str) -> NDArray[np.float64]:
+    """Both ends of the capsules of a part (poses, capsules, 2, 3)."""
+    rows = recording.rows[f"/world/robot/{part}"]
+    x, y, z, w = np.moveaxis(rows["Capsules3D:quaternions"], -1, 0)
+    along = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=-1)
+    start = rows["Capsules3D:translations"]
+    return np.stack([start, start + rows["Capsules3D:lengths"][..., None] * along], axis=2)
+
+
 def test_robot_closes_in_space(recording: Recording) -> None:
     """Rods end where arms and platform are (the viewer's numbers are 32-bit)."""
-    arms = recording.rows["/world/robot/arms"]["LineStrips3D:strips"]
-    rods = recording.rows["/world/robot/rods"]["LineStrips3D:strips"].reshape(len(FRAMES), 3, 2, 2, 3)
-    platform = recording.rows["/world/robot/platform"]["LineStrips3D:strips"][:, 0]
-    np.testing.assert_allclose(arms[:, :, 1], elbows(column("actual", *joints("position"))), atol=1e-6)
-    np.testing.assert_allclose(rods[:, :, :, 0].mean(axis=2), arms[:, :, 1], atol=1e-6)
-    np.testing.assert_allclose(rods[:, :, :, 1].mean(axis=2), platform[:, :3], atol=1e-6)
+    tcp = column("actual", *axes("position"))[POSES]
+    arms, rods = ends(recording, "arms"), ends(recording, "rods").reshape(len(POSES), 3, 2, 2, 3)
+    np.testing.assert_allclose(arms[:, :, 0], elbows(column("actual", *joints("position"))[POSES]), atol=1e-6)
+    np.testing.assert_allclose(arms[:, :, 1], np.broadcast_to(scene().base_points, (len(POSES), 3, 3)), atol=1e-6)
+    np.testing.assert_allclose(rods[:, :, :, 1].mean(axis=2), arms[:, :, 0], atol=1e-6)
+    np.testing.assert_allclose(rods[:, :, :, 0].mean(axis=2), tcp[:, None] + scene().platform_offsets, atol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(rods[:, :, :, 1] - rods[:, :, :, 0], axis=-1), FOREARM, atol=1e-6)
-    np.testing.assert_allclose(
-        recording.rows["/world/path/executed"]["Points3D:positions"][:, 0], platform[:, :3].mean(axis=1), atol=1e-6
-    )
+    np.testing.assert_allclose(recording.rows["/world/robot/platform"]["Cylinders3D:centers"][:, 0], tcp, atol=1e-6)
+
+
+def test_robot_is_posed_as_often_as_the_eye_sees(recording: Recording) -> None:
+    for part in ("robot/arms", "robot/rods", "robot/platform", "arrows/velocity", "arrows/rod_force"):
+        rows = recording.rows[f"/world/{part}"]
+        assert rows["step"].tolist() == POSES, part
+        assert rows["sim_time"].tolist() == [round(FRAMES[k].time * 1e9) for k in POSES], part
+
+
+def test_executed_path_has_every_frame(recording: Recording) -> None:
+    rows = recording.rows["/world/path/executed"]
+    assert rows["step"].tolist() == POSES[1:]
+    points = np.concatenate([np.array(strips[0])[1:] for strips in rows["LineStrips3D:strips"]])
+    np.testing.assert_allclose(points, column("actual", *axes("position"))[1:], atol=1e-6)
+
+
+@pytest.mark.parametrize("corner", [0, 1])
+def test_corner_shows_millimetres_from_the_vertex(recording: Recording, corner: int) -> None:
+    entity = f"/corner/{('pick', 'place')[corner]}"
+    vertex = RIGHT_ANGLE_PATH[1 + corner]
+    circle = np.array(recording.static[f"{entity}/prescribed"]["LineStrips2D:strips"][0])
+    np.testing.assert_allclose(np.linalg.norm(circle, axis=1), 1e3 * DEVIATION, atol=1e-4)
+    planned = np.array(recording.static[f"{entity}/planned"]["LineStrips2D:strips"][0])
+    np.testing.assert_allclose(planned, 1e3 * (scene().moves[0].planned_path - vertex)[:, [0, 2]] * [1, -1], atol=1e-4)
+    executed = np.concatenate([np.array(strips[0]) for strips in recording.rows[f"{entity}/executed"]["LineStrips2D:strips"]])
+    seen = 1e3 * (column("actual", *axes("position")) - vertex)[:, [0, 2]] * [1, -1]
+    near = seen[np.linalg.norm(seen, axis=1) < 4.0 * 1e3 * DEVIATION]
+    assert len(near) > 10
+    assert np.abs(near[:, None] - executed).max(axis=2).min(axis=1).max() < 1e-4
+    assert len(executed) < len(FRAMES) / 2  # what is far away is left out
+
+
+def test_closest_points_are_marked_with_their_distance(tmp_path: Path) -> None:
+    nearest = RIGHT_ANGLE_PATH[1] + [0.005, 0.0, -0.004]
+    recorder = Recorder(tmp_path / "run.rrd", scene())
+    recorder.take(FRAMES[0])
+    recorder.summary("# Deviation kept", "{}", [CornerMark(0, 0, DEVIATION, 0.0064031, tuple(nearest))])
+    recorder.close()
+    static = Recording(tmp_path / "run.rrd").static
+    assert static["/corner/pick/label/prescribed"]["Points2D:labels"] == ["prescribed 6 mm"]
+    assert static["/corner/pick/label/planned"]["Points2D:labels"] == ["planned 6.000 mm"]
+    assert static["/corner/pick/label/executed"]["Points2D:labels"] == ["executed 6.403 mm"]
+    np.testing.assert_allclose(static["/corner/pick/nearest/executed"]["Points2D:positions"][0], [5.0, 4.0], atol=1e-4)
+    planned = static["/corner/pick/nearest/planned"]["Points2D:positions"][0]
+    assert np.linalg.norm(planned) == pytest.approx(1e3 * DEVIATION, abs=1e-3)
+    assert not [entity for entity in static if entity.startswith("/corner/place/nearest")]
+
+
+def test_every_move_has_its_own_vertices(tmp_path: Path) -> None:
+    """Also where another move's vertex is nearer, and its corners lie on top of the others."""
+    (first,) = scene().moves
+    aside = np.array([0.0, 0.1, 0.0])
+    second = replace(first, start=0.1, right_angle_path=first.right_angle_path + aside, planned_path=first.planned_path + aside)
+    recorder = Recorder(tmp_path / "run.rrd", replace(scene(), moves=[first, second]))
+    for frame in FRAMES[:300]:
+        recorder.take(frame)
+    recorder.close()
+    found = Recording(tmp_path / "run.rrd")
+    tcp = column("actual", *axes("position"))[:300]
+    vertices = np.where(np.arange(300)[:, None, None] < 100, first.vertices, second.vertices)
+    distance = np.linalg.norm(tcp[:, None] - vertices, axis=2).min(axis=1)
+    np.testing.assert_allclose(found.scalars("/path/deviation/actual")[:, 0], distance, rtol=1e-15)
+    assert len(found.static["/world/corner/pick/ball"]["Ellipsoids3D:half_sizes"]) == 2
+    planned = np.array(found.static["/corner/pick/planned"]["LineStrips2D:strips"])
+    np.testing.assert_allclose(planned[0], planned[1], atol=1e-4)
+
+
+@pytest.mark.parametrize("payload", [[(0.0, 0.0)], [(0.0, 1.0), (0.1, 0.0)]])
+def test_payload_is_what_the_robot_carries(tmp_path: Path, payload: list[tuple[float, float]]) -> None:
+    recorder = Recorder(tmp_path / "run.rrd", replace(scene(), payload=payload))
+    for frame in FRAMES[:200]:
+        recorder.take(frame)
+    recorder.close()
+    rows = Recording(tmp_path / "run.rrd").rows
+    if len(payload) == 1:
+        assert "/world/robot/payload" not in rows
+    else:
+        carried = rows["/world/robot/payload"]["Boxes3D:half_sizes"][:, 0, 0] > 0.0
+        assert carried.tolist() == [step < 100 for step in rows["/world/robot/payload"]["step"]]
 
 
 def test_paths_and_corners_are_there(recording: Recording) -> None:
@@ -191,7 +333,8 @@ def test_paths_and_corners_are_there(recording: Recording) -> None:
         np.testing.assert_allclose(
             recording.static[f"/world/corner/{corner}/ball"]["Ellipsoids3D:half_sizes"][0], DEVIATION, atol=1e-6
         )
-    assert len(recording.static["/world/path/planned"]["LineStrips3D:strips"][0]) == len(scene().planned_path)
+    assert len(recording.static["/world/path/planned"]["LineStrips3D:strips"][0]) == len(scene().moves[0].planned_path)
+    assert len(recording.static["/world/path/corners"]["LineStrips3D:strips"]) == 2
     np.testing.assert_allclose(recording.static["/world/path/right_angle"]["LineStrips3D:strips"][0], RIGHT_ANGLE_PATH, atol=1e-6)
 
 

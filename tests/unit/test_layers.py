@@ -18,6 +18,7 @@ ORDER = [
     {"execution"},
     {"checks"},
     {"report", "scene"},
+    {"verdict"},
     {"run", "record", "bench", "compare", "export"},
     {"paper"},
     {"cli"},

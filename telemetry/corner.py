@@ -1,0 +1,90 @@
+"""The corners seen at right angles, in millimetres from their vertex: what is prescribed, planned and executed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import rerun as rr
+
+from deltaph.telemetry.scene import CornerMark, FloatArray, Scene
+from deltaph.telemetry.signals import CORNER, EXECUTED, LIMIT, PLANNED
+from deltaph.telemetry.world import CORNERS, pixels
+
+REACH = 4.5
+"""Half the width of what is shown of a corner, in prescribed deviations."""
+
+_GREY = (130, 130, 130)
+_WHITE = (255, 255, 255)
+_CIRCLE = np.linspace(0.0, 2.0 * np.pi, 73)
+
+
+def size(scene: Scene, corner: int) -> float:
+    """The deviation that sets the scale of a corner's picture [mm]; where none is prescribed there is nothing to see."""
+    return max(1e3 * float(scene.corner_deviation[:, corner].max()), 1.0)
+
+
+def executed_entity(corner: int) -> str:
+    """Where the executed path is shown."""
+    return f"corner/{CORNERS[corner]}/executed"
+
+
+def still_corners(scene: Scene) -> Iterator[tuple[str, Any]]:
+    """Entities and archetypes of what is known before the run; all moves lie on top of each other."""
+    for index, name in enumerate(CORNERS):
+        entity = f"corner/{name}"
+        moves = list(scene.moves)
+        deviations = 1e3 * scene.corner_deviation[:, index]
+        legs = [move.seen_from(index, move.right_angle_path[index : index + 3]) for move in moves]
+        yield f"{entity}/right_angle", rr.LineStrips2D(legs, colors=[_GREY], radii=[pixels(0.75)], draw_order=1.0)
+        yield f"{entity}/vertex", rr.Points2D([[0.0, 0.0]], colors=[_WHITE], radii=[pixels(3.0)], draw_order=6.0)
+        circles = [d * np.column_stack([np.cos(_CIRCLE), np.sin(_CIRCLE)]) for d in np.unique(deviations)]
+        yield f"{entity}/prescribed", rr.LineStrips2D(circles, colors=[LIMIT], radii=[pixels(1.25)], draw_order=2.0)
+        planned = [move.seen_from(index, move.planned_path) for move in moves]
+        yield f"{entity}/planned", rr.LineStrips2D(planned, colors=[PLANNED], radii=[pixels(2.25)], draw_order=3.0)
+        corners = [move.seen_from(index, move.corner_paths[index]) for move in moves if move.corner_paths]
+        if corners:
+            yield f"{entity}/planned_corner", rr.LineStrips2D(corners, colors=[CORNER], radii=[pixels(2.25)], draw_order=3.5)
+        yield executed_entity(index), rr.LineStrips2D.from_fields(colors=[EXECUTED], radii=[pixels(1.25)], draw_order=4.0)
+        words = " to ".join(f"{d:g}" for d in np.unique(deviations)[[0, -1]][: len(np.unique(deviations))])
+        yield f"{entity}/label/prescribed", _label(scene, index, 0, f"prescribed {words} mm", LIMIT)
+
+
+def marks(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str, Any]]:
+    """Where the executed path comes closest to each vertex, and how close, in words."""
+    for mark in found:
+        entity, move = f"corner/{CORNERS[mark.corner]}", scene.moves[mark.move]
+        where = f", move {mark.move + 1}" if len(scene.moves) > 1 else ""
+        nearest = move.seen_from(mark.corner, np.array(mark.nearest))
+        distances = move.seen_from(mark.corner, move.planned_path)
+        planned = distances[np.argmin(np.linalg.norm(distances, axis=1))]
+        color_of_plan = CORNER if move.corner_paths else PLANNED
+        for name, point, distance, color, line in (
+            ("planned", planned, mark.planned, color_of_plan, 1),
+            ("executed", nearest, mark.executed, EXECUTED, 2),
+        ):
+            yield (
+                f"{entity}/nearest/{name}",
+                rr.Points2D([point], colors=[color], radii=[pixels(5.0 - line)], draw_order=5.0 + 0.1 * line),
+            )
+            text = f"{name} {1e3 * distance:.3f} mm{where}"
+            yield f"{entity}/label/{name}", _label(scene, mark.corner, line, text, color)
+        spokes = [[[0.0, 0.0], planned], [[0.0, 0.0], nearest]]
+        yield (
+            f"{entity}/nearest/distance",
+            rr.LineStrips2D(spokes, colors=[color_of_plan, EXECUTED], radii=[pixels(0.5)], draw_order=4.5),
+        )
+
+
+def near(scene: Scene, corner: int, seen: FloatArray) -> bool:
+    """Whether points (n, 2) [mm] reach into the picture of a corner."""
+    return bool((np.abs(seen).max(axis=1) < 1.5 * REACH * size(scene, corner)).any())
+
+
+def _label(scene: Scene, corner: int, line: int, text: str, color: tuple[int, int, int]) -> rr.Points2D:
+    """A line of text beyond the right angle, where no path comes."""
+    inwards = 1.0 if corner == 0 else -1.0
+    scale = size(scene, corner)
+    at = [inwards * 2.3 * scale, (-2.0 + 0.55 * line) * scale]
+    return rr.Points2D([at], colors=[color], radii=[pixels(0.0)], labels=[text], show_labels=True, draw_order=7.0)
