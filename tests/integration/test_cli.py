@@ -221,7 +221,8 @@ def test_run_reports_planned_and_executed_side_by_side(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
     report = json.loads((tmp_path / "run.json").read_text())
     assert set(report) == {
-        "scenario", "law", "steps", "communication_step_s", "plan", "executed", "timing", "telemetry", "recording", "expect",
+        "scenario", "law", "steps", "communication_step_s", "plan", "executed", "timing", "telemetry", "recording",
+        "expect", "provenance",
     }  # fmt: skip
     assert report["steps"] == 353
     assert report["executed"]["corner_deviation_m"] == pytest.approx([0.006, 0.006], abs=5e-5)
