@@ -13,8 +13,10 @@ from deltaph.frame import Frame
 from deltaph.telemetry.events import EventWatch
 from deltaph.telemetry.keys import FRAME_MESSAGES, QUERY_NAMES, CellKeys, MessageName, QueryName
 from deltaph.telemetry.messages import layout, schema_document
-from deltaph.telemetry.session import open_cell_session
+from deltaph.telemetry.session import open_cell_session, replies
 from deltaph.variables import variable_table
+
+_ADMIN_TIMEOUT = 1.0  # for what the session's own administration space answers [s]
 
 
 class Publisher:
@@ -81,7 +83,7 @@ class Publisher:
         root = f"@/{own}/peer/subscriber/"
         everything = zenoh.KeyExpr(self._keys.everything)
         found: set[str] = set()
-        for reply in self._session.get(root + "**", timeout=1.0):
+        for reply in replies(self._session, root + "**", _ADMIN_TIMEOUT):
             if reply.ok is not None and everything.intersects(str(reply.ok.key_expr).removeprefix(root)):
                 found.update(*json.loads(reply.ok.payload.to_string()).values())
         return len(found - {own})

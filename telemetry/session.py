@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import socket
+import threading
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -23,6 +24,7 @@ _QUEUE_BATCHES = 16
 _WAIT_BEFORE_DROP_US = 100_000
 
 _FREE_PORT_ATTEMPTS = 5
+_GRACE = 1.0  # how much later than its own time limit the end of a query is waited for [s]
 _PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws", "unixsock-stream")  # what the wheel of eclipse-zenoh is built with
 
 
@@ -118,3 +120,24 @@ def open_client_session(connect: Sequence[str] = (DEFAULT_ENDPOINT,), timeout: f
             if deadline is not None and time.monotonic() >= deadline:
                 raise EnvironmentProblem(f"nothing answers on {' or '.join(connect)} within {timeout:g} s") from error
             time.sleep(0.05)  # between two attempts, so that waiting costs nothing
+
+
+def replies(session: zenoh.Session, selector: str, timeout: float) -> list[zenoh.Reply]:
+    """Ask, and wait for all replies.
+
+    Zenoh ends a query at its time limit, but the iterator that `Session.get` returns was seen, rarely, to wait for ever; this
+    wait has an end of its own.
+
+    Args:
+        session: that asks.
+        selector: whom, and what for.
+        timeout: [s].
+
+    Returns:
+        the replies that came, in their order.
+    """
+    collected: list[zenoh.Reply] = []
+    complete = threading.Event()
+    session.get(selector, zenoh.handlers.Callback(collected.append, complete.set), timeout=timeout)
+    complete.wait(timeout + _GRACE)
+    return list(collected)

@@ -15,7 +15,7 @@ import zenoh
 from deltaph.errors import EnvironmentProblem
 from deltaph.telemetry.keys import MESSAGE_NAMES, CellKeys, MessageName, QueryName
 from deltaph.telemetry.messages import Layout, layout, schema_document
-from deltaph.telemetry.session import DEFAULT_ENDPOINT, open_client_session
+from deltaph.telemetry.session import DEFAULT_ENDPOINT, open_client_session, replies
 
 _ANSWER_TIMEOUT = 2.0  # [s]
 _QUIET = 0.5  # the end of the token may overtake messages; those that are under way are here by then [s]
@@ -93,7 +93,7 @@ class Subscriber:
         """
         key = self._keys.of(name)
         reason = "no answer"
-        for reply in self._session.get(key, timeout=_ANSWER_TIMEOUT):
+        for reply in replies(self._session, key, _ANSWER_TIMEOUT):
             if reply.ok is not None:
                 return (
                     self._layouts[key].decode(reply.ok.payload.to_bytes())
