@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from deltaph.frame import TIMING, Frame
+from deltaph.frame import TIMING, Frame, columns
 from deltaph.importer import Operation, Schedule
 from deltaph.plan import Plan
 from deltaph.variables import Model, variable_table
@@ -24,12 +24,10 @@ class Trace:
     """
 
     def __init__(self, frames: Sequence[Frame]) -> None:
-        self.time: FloatArray = np.array([frame.time for frame in frames])
-        self.timing: FloatArray = np.stack([frame.timing for frame in frames])
-        self._floats = {model: np.stack([getattr(frame, f"{model}_floats") for frame in frames]) for model in ("planner", "plant")}
-        self._integers = {
-            model: np.stack([getattr(frame, f"{model}_integers") for frame in frames]) for model in ("planner", "plant")
-        }
+        self.time: FloatArray = columns(frames, "time")
+        self.timing: FloatArray = columns(frames, "timing")
+        self._floats = {model: columns(frames, f"{model}_floats") for model in ("planner", "plant")}
+        self._integers = {model: columns(frames, f"{model}_integers") for model in ("planner", "plant")}
 
     def __getitem__(self, key: tuple[Model, str]) -> FloatArray:
         """An output group such as ("plant", "tcp_position"): (frames, 3), or (frames,) where it is one scalar."""

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from deltaph.fmu.terminals import JOINTS, MEMBERS
-from deltaph.frame import TIMING, Frame
+from deltaph.frame import Frame, Frames
 from deltaph.pacing import Account, Pacer, Undisturbed, undisturbed
 from deltaph.plan import Plan
 from deltaph.scenario import Fault, Limits, Scenario, Task
@@ -195,6 +195,7 @@ def cosimulate(
     *,
     realtime: Undisturbed | None = None,
     dropped: Callable[[], int] = lambda: 0,
+    frames: Frames | None = None,
 ) -> Iterator[Frame]:
     """Co-simulate a scenario; yields frame 0, the initial state, and one frame per step.
 
@@ -204,23 +205,24 @@ def cosimulate(
         fmus: the FMI 3.0 FMUs.
         realtime: keep the communication points on the monotonic clock, with this asked of the system; None runs as fast as it can.
         dropped: frames that the sinks did not get so far; goes into the timing.
+        frames: where the frames are kept, room for the run's; None gives them a place of their own.
 
     Raises:
         DeltaphError: an FMU refuses its parameters, or the system what is asked of it.
     """
     size = run.communication_step_ms / 1000.0
+    frames = Frames(run.steps + 1) if frames is None else frames
     with tempfile.TemporaryDirectory(prefix="deltaph-") as directory, contextlib.ExitStack() as stack:
         if realtime is not None:
             _warm_up(scenario, fmus, Path(directory) / "warm-up", size)
         planner, plant, link = _cell(scenario, fmus, Path(directory), stack)
         requests = _Request(planner, run)
         faults = _Faults(plant, scenario.faults, run.communication_step_ms)
-        rows = _Rows(planner, plant, run.steps + 1)
         pacer = None
         if realtime is not None:
             pacer = Pacer(run.communication_step_ms * 1_000_000)
             stack.enter_context(undisturbed(realtime))
-        yield from _loop(planner, plant, link, requests, faults, run.steps, size, rows, pacer, dropped)
+        yield from _loop(planner, plant, link, requests, faults, run.steps, size, frames, pacer, dropped)
 
 
 def _cell(
@@ -262,24 +264,6 @@ def _warm_up(scenario: Scenario, fmus: Mapping[Model, Path], directory: Path, si
             pacer.wait(0.0, 0.0, 0.0)
 
 
-class _Rows:
-    """The memory of all frames, allocated and touched before the first step; row n is frame n."""
-
-    def __init__(self, planner: Slave, plant: Slave, count: int) -> None:
-        self.arrays = (
-            np.zeros((count, len(planner.outputs))),
-            np.zeros((count, len(planner.integers)), dtype=np.int32),
-            np.zeros((count, len(plant.outputs))),
-            np.zeros((count, len(plant.integers)), dtype=np.int32),
-            np.zeros((count, len(TIMING))),
-        )
-        for array in self.arrays:
-            array.fill(0)  # zeros of the system are no memory yet: the first write to a page is a fault
-        self.views = tuple(array.view() for array in self.arrays)
-        for view in self.views:
-            view.setflags(write=False)
-
-
 def _loop(
     planner: Slave,
     plant: Slave,
@@ -288,12 +272,11 @@ def _loop(
     faults: _Faults,
     steps: int,
     size: float,
-    rows: _Rows,
+    frames: Frames,
     pacer: Pacer | None,
     dropped: Callable[[], int],
 ) -> Iterator[Frame]:
     """The step loop."""
-    planner_floats, planner_integers, plant_floats, plant_integers, timing = rows.arrays
     clock, publish = time.perf_counter, 0.0
     planner_step = plant_step = lateness = 0.0
     account = Account() if pacer is None else pacer.account
@@ -318,14 +301,11 @@ def _loop(
             if pacer is not None:
                 lateness = pacer.wait(planner_step, plant_step, publish)
         elapsed = clock() - begin
-        planner_floats[n] = planner.outputs
-        planner_integers[n] = planner.integers
-        plant_floats[n] = plant.outputs
-        plant_integers[n] = plant.integers
         missed = account.missed
         factor = n * size / elapsed
-        timing[n] = planner_step, plant_step, publish, lateness, sum(missed), factor, *missed, account.slipped, dropped()
-        frame = Frame(n, n * size, time.time_ns(), *(view[n] for view in rows.views))
+        timing = planner_step, plant_step, publish, lateness, sum(missed), factor, *missed, account.slipped, dropped()
+        outputs = (planner.outputs, planner.integers), (plant.outputs, plant.integers)
+        frame = frames.append(n * size, time.time_ns(), *outputs, timing)
         t3 = clock()
         yield frame
         publish = clock() - t3

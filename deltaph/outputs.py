@@ -8,7 +8,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
-from deltaph.frame import Frame
+from deltaph.frame import Frame, columns
 from deltaph.plan import Plan
 from deltaph.variables import Model, variable_table
 
@@ -30,14 +30,14 @@ def planner_columns(plan: Plan, time: FloatArray) -> dict[str, FloatArray]:
         "plan.busy": time < plan.duration,
         "plan.refused": 0,
     }
-    columns = {}
+    found = {}
     for variable in table.of("output"):
         if variable.name in status:
-            columns[variable.name] = np.broadcast_to(np.asarray(status[variable.name], dtype=np.float64), time.shape)
+            found[variable.name] = np.broadcast_to(np.asarray(status[variable.name], dtype=np.float64), time.shape)
             continue
         values = setpoints[variable.group.removeprefix("path_")]
-        columns[variable.name] = (values if variable.index is None else values[:, variable.index]).astype(np.float64)
-    return columns
+        found[variable.name] = (values if variable.index is None else values[:, variable.index]).astype(np.float64)
+    return found
 
 
 def _integers_last(model: Model) -> list[str]:
@@ -48,17 +48,17 @@ def _integers_last(model: Model) -> list[str]:
 
 def frame_columns(frames: Sequence[Frame]) -> dict[str, FloatArray]:
     """Time, planner outputs under their names and plant outputs behind `plant.`, from frames."""
-    columns = {"time": np.array([frame.time for frame in frames])}
+    found = {"time": columns(frames, "time")}
     prefixes: dict[Model, str] = {"planner": "", "plant": "plant."}
     for model, prefix in prefixes.items():
-        rows = np.stack([np.concatenate((getattr(f, f"{model}_floats"), getattr(f, f"{model}_integers"))) for f in frames])
+        rows = np.hstack((columns(frames, f"{model}_floats"), columns(frames, f"{model}_integers")))
         by_name = dict(zip(_integers_last(model), rows.T, strict=True))
-        columns |= {prefix + v.name: by_name[v.name] for v in variable_table(model).of("output")}
-    return columns
+        found |= {prefix + v.name: by_name[v.name] for v in variable_table(model).of("output")}
+    return found
 
 
-def write_csv(stream: IO[str], columns: dict[str, FloatArray]) -> None:
+def write_csv(stream: IO[str], table: dict[str, FloatArray]) -> None:
     """Write columns with a header; numbers with as many digits as give the same double back."""
-    stream.write(",".join(columns) + "\n")
-    for row in np.column_stack(list(columns.values())).tolist():
+    stream.write(",".join(table) + "\n")
+    for row in np.column_stack(list(table.values())).tolist():
         stream.write(",".join(f"{value:.17g}" for value in row) + "\n")

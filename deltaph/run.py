@@ -15,7 +15,7 @@ from rich.progress import Progress
 from deltaph.checks import evaluate_expectations, executed_values, planned_values
 from deltaph.execution import Trace, evaluate
 from deltaph.fmu import cached_fmus
-from deltaph.frame import Frame
+from deltaph.frame import Frame, Frames
 from deltaph.importer import Schedule, cosimulate, schedule
 from deltaph.pacing import Undisturbed
 from deltaph.report import executed_facts, plan_facts, print_run, timing_facts
@@ -102,10 +102,11 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
             sinks.append(recording := BackgroundSink(recorder, QUEUE_FRAMES))
             stack.callback(recording.close)
 
-        frames: list[Frame] = []
-        stepping = cosimulate(scenario, run, fmus, realtime=options.realtime, dropped=lambda: sum(sink.dropped for sink in sinks))
+        frames = Frames(run.steps + 1)
+        stepping = cosimulate(
+            scenario, run, fmus, realtime=options.realtime, dropped=lambda: sum(sink.dropped for sink in sinks), frames=frames
+        )
         for frame in _with_progress(stepping, run, log):
-            frames.append(frame)
             for sink in sinks:
                 sink.take(frame)
         for sink in sinks:

@@ -1,0 +1,43 @@
+"""The memory of a run's frames."""
+
+import numpy as np
+import pytest
+from integration.synthetic_cell import random_frame
+
+from deltaph.frame import Frame, Frames, columns
+
+GIVEN = [random_frame(step) for step in range(5)]
+
+
+def kept(given: list[Frame], room: int) -> Frames:
+    frames = Frames(room)
+    for frame in given:
+        planner, plant = (frame.planner_floats, frame.planner_integers), (frame.plant_floats, frame.plant_integers)
+        frames.append(frame.time, frame.unix_time_ns, planner, plant, frame.timing.tolist())
+    return frames
+
+
+def test_frames_come_back_as_they_were_given() -> None:
+    frames = kept(GIVEN, 7)
+    assert len(frames) == len(GIVEN)
+    for found, given in zip(frames, GIVEN, strict=True):
+        assert found[:3] == given[:3]
+        for name in Frame._fields[3:]:
+            np.testing.assert_array_equal(getattr(found, name), getattr(given, name))
+    assert frames[-1].step == 4
+    assert [frame.step for frame in frames[1:3]] == [1, 2]
+    with pytest.raises(IndexError):
+        frames[5]
+
+
+def test_columns_are_those_of_a_list_of_frames() -> None:
+    frames = kept(GIVEN, 7)
+    for name in ("time", *Frame._fields[3:]):
+        np.testing.assert_array_equal(columns(frames, name), columns(GIVEN, name))
+        assert columns(frames, name).dtype == columns(GIVEN, name).dtype
+
+
+def test_a_frame_cannot_be_written() -> None:
+    frame = kept(GIVEN, 5)[0]
+    with pytest.raises(ValueError, match="read-only"):
+        frame.plant_floats[0] = 1.0
