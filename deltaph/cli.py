@@ -334,6 +334,30 @@ def bench() -> None:
     run_benchmarks(parse_scenario(template(), Path("paper.toml")), Console(highlight=False))
 
 
+@app.command()
+def soak(
+    minutes: Annotated[float, typer.Option("--minutes", metavar="M", help="length of the undisturbed case")] = 10.0,
+    json_file: JsonOption = None,
+) -> None:
+    """A cell in real time while its consumers stop, die and fail: what that costs the loop, and what is lost.
+
+    The paper's case, there and back. Each case runs beside a bare loop, without consumers, for comparison. The first has a
+    subscriber and a recorder and is left alone for --minutes; the others take two minutes together. The exit code is 1 where
+    messages were lost without being counted, came out of order, or service did not resume; lateness is shown, not judged.
+
+    Example: deltaph soak --minutes 0.5
+    """
+    from dataclasses import asdict
+
+    from deltaph.soak import run_soak
+
+    check_writable(json_file)
+    found = run_soak(minutes, _tables(json_file), Console(stderr=True))
+    _write_json(json_file, {"cases": [asdict(observed) for observed in found]})
+    if any(observed.failures for observed in found):
+        raise typer.Exit(1)
+
+
 INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 
 UsageError: Any = typer.BadParameter.__bases__[0]  # typer carries its parser inside and exports only this one of its errors

@@ -58,7 +58,11 @@ def _reason(error: zenoh.ZError) -> str:
 
 def _open_peer(listen: Sequence[str], connect: Sequence[str]) -> zenoh.Session:
     # The administration space is what tells the publisher who subscribes.
-    config = _config("peer", listen, connect, adminspace__enabled=True)
+    return _open("peer", listen, connect, adminspace__enabled=True)
+
+
+def _open(mode: str, listen: Sequence[str], connect: Sequence[str], **more: Any) -> zenoh.Session:
+    config = _config(mode, listen, connect, **more)
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
@@ -99,6 +103,15 @@ def open_cell_session(listen: Sequence[str] = (), connect: Sequence[str] = ()) -
         except EnvironmentProblem as lost:
             problem = lost
     raise problem
+
+
+def open_router_session(listen: Sequence[str]) -> zenoh.Session:
+    """Open a Zenoh router, at which cells and clients meet.
+
+    Raises:
+        EnvironmentProblem: an endpoint is in use, or is none.
+    """
+    return _open("router", listen, [])
 
 
 def open_client_session(connect: Sequence[str] = (DEFAULT_ENDPOINT,), timeout: float | None = None) -> zenoh.Session:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from queue import Empty, SimpleQueue
 from types import TracebackType
@@ -19,6 +20,7 @@ from deltaph.telemetry.session import DEFAULT_ENDPOINT, open_client_session, rep
 
 _ANSWER_TIMEOUT = 2.0  # [s]
 _QUIET = 0.5  # the end of the token may overtake messages; those that are under way are here by then [s]
+_RETURN = 10.0  # a connection that was lost has this long to come back, as when a router restarts [s]
 
 
 class Message(NamedTuple):
@@ -110,21 +112,26 @@ class Subscriber:
         return self._summary
 
     def messages(self) -> Iterator[Message]:
-        """The messages as they come; ends when the cell has gone and all that it sent is here."""
-        gone = False
+        """The messages as they come; ends when the cell has gone and all that it sent is here.
+
+        A connection that is lost is made again, and what was sent meanwhile is missing; the end comes where it stays away for 10 s.
+        """
+        gone: float | None = None
         while True:
             try:
-                sample = self._samples.get(timeout=_QUIET if gone else None)
+                sample = self._samples.get(timeout=None if gone is None else _QUIET)
             except Empty:
-                return
+                if gone is None or self._connected() or time.monotonic() > gone + _RETURN:
+                    return
+                continue
             key = str(sample.key_expr)
             if key in self._layouts:
                 yield self._message(self._layouts[key], sample.payload.to_bytes())
             elif key == self._keys.token:
-                gone = True
+                gone = None if sample.kind == zenoh.SampleKind.PUT else time.monotonic()
             elif key == self._keys.of("summary"):
                 self._summary = json.loads(sample.payload.to_bytes())
-            if gone and self._summary is not None:  # the summary is the last message, and messages keep their order
+            if gone is not None and self._summary is not None:  # the summary is the last message, and messages keep their order
                 return
 
     def close(self) -> None:
@@ -135,8 +142,10 @@ class Subscriber:
     def _on_token(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:
             self._alive.set()
-        else:
-            self._samples.put(sample)
+        self._samples.put(sample)
+
+    def _connected(self) -> bool:
+        return bool(self._session.info.routers_zid() or self._session.info.peers_zid())
 
     def _message(self, message: Layout, payload: bytes) -> Message:
         record = message.decode(payload)

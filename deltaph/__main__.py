@@ -1,0 +1,5 @@
+"""`python -m deltaph`."""
+
+from deltaph.cli import main
+
+main()
