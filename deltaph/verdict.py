@@ -17,11 +17,11 @@ SIDES = ("pick", "place")
 
 _DEGREES = 180.0 / math.pi
 _PEAKS = (
-    ("velocity, deg/s", "joint_velocity", "joint_velocity_max_rad_s", _DEGREES),
-    ("acceleration, deg/s²", "joint_acceleration", "joint_acceleration_max_rad_s2", _DEGREES),
-    ("torque, N·m", "joint_torque", "joint_torque_max_Nm", 1.0),
+    ("velocity, rad/s", "joint_velocity", "joint_velocity_max_rad_s"),
+    ("acceleration, rad/s²", "joint_acceleration", "joint_acceleration_max_rad_s2"),
+    ("torque, N·m", "joint_torque", "joint_torque_max_Nm"),
 )
-"""Words, limit, fact, factor to the unit."""
+"""Words with the units of scenario files, limit, fact."""
 
 
 def provenance_facts(scenario: Scenario) -> dict[str, Any]:
@@ -161,12 +161,12 @@ def _peaks(scenario: Scenario, facts: Mapping[str, Any]) -> Iterator[str]:
     """The plan's peaks against the limits, and the motors as they were driven."""
     yield "| peak at joint | 1 | 2 | 3 | limit | used |"
     yield "|---|---|---|---|---|---|"
-    for words, limit, fact, factor in _PEAKS:
+    for words, limit, fact in _PEAKS:
         peaks = facts["plan"][fact]
         limits = [float(value) for value in getattr(scenario.limits, limit)]
         used = max(peak / bound for peak, bound in zip(peaks, limits, strict=True))
-        bounds = " ".join(dict.fromkeys("-" if math.isinf(value) else f"{factor * value:.4g}" for value in limits))
-        values = " | ".join(f"{factor * peak:.4g}" for peak in peaks)
+        bounds = " ".join(dict.fromkeys("-" if math.isinf(value) else f"{value:.4g}" for value in limits))
+        values = " | ".join(f"{peak:.4g}" for peak in peaks)
         yield f"| planned {words} | {values} | {bounds} | {f'{100.0 * used:.0f} %' if used else '-'} |"
     executed = facts["executed"]
     for words, fact in (("executed motor, N·m", "motor_torque_max_Nm"), ("executed motor rms, N·m", "motor_torque_rms_Nm")):

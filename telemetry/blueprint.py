@@ -167,7 +167,7 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
     )
     tool = rrb.Vertical(
         _plot("Tool speed [m/s]: broad actual, thin setpoint", "tcp/speed/**"),
-        _plot("Tool position [mm]: x red, y green, z blue", f"{PLOT}tcp/position/**"),
+        _plot("Tool position [m]: x red, y green, z blue", "tcp/position/**"),
         name="Tool",
     )
     timing = rrb.Vertical(

@@ -18,7 +18,7 @@ from deltaph.telemetry.corner import executed_entity, marks, near, still_corners
 from deltaph.telemetry.keys import FRAME_MESSAGES, MessageName
 from deltaph.telemetry.messages import Layout, Records, layout
 from deltaph.telemetry.scene import CornerMark, Scene
-from deltaph.telemetry.signals import TRACKING_ERRORS, limits, signals, style
+from deltaph.telemetry.signals import PLOT, TRACKING_ERRORS, Signal, is_held, limits, plot_rows, signals, style
 from deltaph.telemetry.world import CORNERS, EXECUTED_PATH, POSE_STEPS, MovingWorld, still_world, trace
 
 APPLICATION_ID = "deltaph"
@@ -47,6 +47,8 @@ class Recorder:
         self._world = MovingWorld(scene)
         self._unposed = np.empty(0, layout("actual").dtype)  # since the last pose, which comes first
         self._lanes: dict[str, int] = {}
+        self._held: dict[str, tuple[float, int]] = {}  # value and step of the last row
+        self._last: dict[MessageName, Records] = {}  # one record each
         self._summary: tuple[str, str, Sequence[CornerMark]] | None = None
         self._closed = False
         self._path = path
@@ -87,6 +89,7 @@ class Recorder:
         try:
             self._write_frames()
             self._write_messages(None)
+            self._write_held_ends()
             if len(self._unposed) > 1:
                 self._write_poses(self._unposed, [0, len(self._unposed) - 1])
             if self._summary is not None and self._open_stream is not None:
@@ -150,10 +153,10 @@ class Recorder:
         self._write_tracking_errors(rows["setpoint"], rows["actual"])
 
     def _write_message(self, name: MessageName, records: Records) -> None:
-        index = _index(records)
+        self._last[name] = records[-1:]
         for signal in self._signals:
             if signal.message == name:
-                self._send(signal.entity, index, rr.Scalars.columns(scalars=signal.values(records)))
+                self._write_signal(signal, records)
         for entity, message, field in _LANES:
             if message == name:
                 self._write_lane(entity, records, layout(name), field)
@@ -163,6 +166,26 @@ class Recorder:
             ends = records[[0, -1]]
             for limit in self._limits:
                 self._send(limit.entity, _index(ends), rr.Scalars.columns(scalars=[limit.values] * 2))
+
+    def _write_signal(self, signal: Signal, records: Records) -> None:
+        values = signal.values(records)
+        if is_held(signal.entity):
+            before, step = self._held.get(signal.entity, (np.nan, -1))
+            chosen = np.diff(values, prepend=before) != 0.0
+            self._held[signal.entity] = float(values[-1]), int(records["sequence"][chosen][-1]) if chosen.any() else step
+        elif signal.chosen is not None:
+            chosen = signal.chosen(records, values)
+        else:
+            chosen = np.ones(len(records), dtype=np.bool_)
+        if chosen.any():
+            self._send(signal.entity, _index(records[chosen]), rr.Scalars.columns(scalars=values[chosen]))
+
+    def _write_held_ends(self) -> None:
+        """A last row for what did not change, so that its line goes on to the end."""
+        for signal in self._signals:
+            last = self._last.get(signal.message)
+            if last is not None and is_held(signal.entity) and self._held[signal.entity][1] != last["sequence"][0]:
+                self._send(signal.entity, _index(last), rr.Scalars.columns(scalars=signal.values(last)))
 
     def _take_poses(self, actual: Records) -> None:
         """Pose the robot at every POSE_STEPS-th step; what comes after the last one waits, so that chunks leave no trace."""
@@ -201,7 +224,10 @@ class Recorder:
             difference = layout("setpoint").values(setpoint[of_setpoint], error.group) - layout("actual").values(
                 actual[of_actual], error.group
             )
-            self._send(error.entity, _index(actual[of_actual]), rr.Scalars.columns(scalars=error.factor * difference))
+            chosen = plot_rows(actual[of_actual]) if error.entity.startswith(PLOT) else np.ones(len(common), dtype=np.bool_)
+            if chosen.any():
+                rows = rr.Scalars.columns(scalars=error.factor * difference[chosen])
+                self._send(error.entity, _index(actual[of_actual][chosen]), rows)
 
     def _write_lane(self, entity: str, records: Records, message: Layout, field: str) -> None:
         """A row where an enumeration changes."""
