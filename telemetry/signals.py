@@ -91,6 +91,7 @@ class Limit:
     values: tuple[float, ...]
 
 
+_WITHOUT_SETPOINT = ("motor/", "rod/", "joint/work/")
 _WIDTHS = {"actual": (5.0, 7.0, 3.5), "setpoint": (1.5, 2.8, 1.2)}
 """Of the joints' lines: where joints 2 and 3 move alike, joint 2 shows as a rim of joint 3."""
 
@@ -103,13 +104,16 @@ def style(entity: str, names: Sequence[str]) -> rr.SeriesLines:
     role = entity.rpartition("/")[2]
     if "timing" in entity:
         held = rr.components.InterpolationMode.StepAfter if is_held(entity) else None
-        return rr.SeriesLines(names=list(names), widths=[1.5] * len(names), interpolation_mode=held)
+        colors = (*JOINTS, CORNER)[: len(names)]
+        return rr.SeriesLines(names=list(names), colors=list(colors), widths=[1.5] * len(names), interpolation_mode=held)
     if role in ("limit", "limit_below"):
         return rr.SeriesLines(names=list(names), colors=[LIMIT] * len(names), widths=[1.5] * len(names))
     if len(names) == 1:
         color = PLANNED if role == "setpoint" else EXECUTED
         return rr.SeriesLines(names=list(names), colors=[color], widths=[5.0 if role == "actual" else 1.5])
     colors = AXES if "tcp" in entity else JOINTS
+    if entity.startswith(_WITHOUT_SETPOINT):
+        role = "setpoint"
     if role == "actual":
         colors = tuple((r // 2, g // 2, b // 2) for r, g, b in colors)
     return rr.SeriesLines(names=list(names), colors=list(colors), widths=list(_WIDTHS.get(role, _WIDTHS["setpoint"])))

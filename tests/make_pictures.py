@@ -1,28 +1,36 @@
-"""Makes the README's picture: runs the paper's case with factory and with tuned gains and photographs the recordings.
+"""Makes the README's pictures: runs the paper's case with factory and with tuned gains and photographs the recordings.
 
     python tests/make_pictures.py
 
 Needs a Vulkan driver; Debian's mesa-vulkan-drivers has one that needs no graphics card.
 """
 
+import io
 import os
 import socket
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import rerun_cli
+from PIL import Image
 from rerun.experimental import ViewerClient
 
 ROOT = Path(__file__).parents[1]
 PICTURES = Path(__file__).parent / "pictures"
-DEADLINE = 30.0
+DEADLINE = 120.0
+CORNERS = ("Pick corner [mm]", "Place corner [mm]")
+COLORS = 96
+"""Of a picture: a viewer's has few, and a palette makes a third of the file."""
 
 
-def photograph(recording: Path, picture: Path, seconds: float, size: str = "1600x1000") -> None:
-    """Write a picture (PNG) of a recording with the time cursor at `seconds`."""
+@contextmanager
+def viewer_of(recording: Path, size: str = "1600x1000") -> Iterator[ViewerClient]:
+    """A viewer without a screen that has loaded a recording."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
@@ -42,10 +50,7 @@ def photograph(recording: Path, picture: Path, seconds: float, size: str = "1600
     ]
     with subprocess.Popen(command, env={**os.environ, "XDG_RUNTIME_DIR": tempfile.gettempdir(), "RUST_LOG": "error"}) as viewer:
         try:
-            client = loaded(f"rerun+http://127.0.0.1:{port}/proxy")
-            client.set_time("sim_time", duration=seconds, play_state="paused")
-            time.sleep(float(os.environ.get("SETTLE", "12")))  # a notice covers a corner of the window for some seconds
-            picture.write_bytes(client.take_screenshot())
+            yield loaded(f"rerun+http://127.0.0.1:{port}/proxy")
         finally:
             viewer.terminate()
 
@@ -67,6 +72,26 @@ def loaded(url: str) -> ViewerClient:
         time.sleep(0.1)
 
 
+def photograph(recording: Path, seconds: float) -> tuple[bytes, list[bytes]]:
+    """Pictures (PNG) of a recording with the time cursor at `seconds`: the whole window, and its two corner views."""
+    with viewer_of(recording) as client:
+        client.set_time("sim_time", duration=seconds, play_state="paused")
+        time.sleep(float(os.environ.get("SETTLE", "12")))  # a notice covers a corner of the window for some seconds
+        views = {view.name: view.view_id for view in client.get_state().views}
+        return client.take_screenshot(), [client.take_screenshot(views[name]) for name in CORNERS]
+
+
+def save(pictures: list[bytes], path: Path) -> None:
+    """Write pictures side by side, with a palette."""
+    images = [Image.open(io.BytesIO(picture)).convert("RGB") for picture in pictures]
+    whole = Image.new("RGB", (sum(image.width for image in images), max(image.height for image in images)))
+    left = 0
+    for image in images:
+        whole.paste(image, (left, 0))
+        left += image.width
+    whole.quantize(COLORS, dither=Image.Dither.NONE).save(path, optimize=True)
+
+
 def main() -> None:
     """Make the pictures."""
     PICTURES.mkdir(exist_ok=True)
@@ -77,7 +102,9 @@ def main() -> None:
             subprocess.run(
                 [deltaph, "run", ROOT / "scenarios" / f"{name}.toml", "--no-telemetry", "--record", recording], check=True
             )
-            photograph(recording, PICTURES / f"{name}.png", 0.056)
+            window, corners = photograph(recording, 0.056)
+            save([window], PICTURES / f"{name}.png")
+            save(corners, PICTURES / f"{name}_corners.png")
 
 
 if __name__ == "__main__":
