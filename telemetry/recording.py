@@ -19,7 +19,7 @@ from deltaph.telemetry.corner import executed_entity, marks, near, still_corners
 from deltaph.telemetry.keys import FRAME_MESSAGES, MessageName
 from deltaph.telemetry.messages import Layout, Records, layout
 from deltaph.telemetry.scene import CornerMark, FloatArray, Scene
-from deltaph.telemetry.signals import PLOT, TRACKING_ERRORS, Signal, is_held, limits, plot_rows, signals, style
+from deltaph.telemetry.signals import ERROR_STEPS, PLOT, TRACKING_ERRORS, Signal, every, is_held, limits, signals, style
 from deltaph.telemetry.world import CORNERS, EXECUTED_PATH, POSE_STEPS, TRACE_STEPS, MovingWorld, still_world, trace
 
 APPLICATION_ID = "deltaph"
@@ -239,7 +239,7 @@ class Recorder:
             setpoint, actual = setpoint[of_setpoint], actual[of_actual]
         if not len(actual):
             return
-        index, shown = _index(actual), plot_rows(actual)
+        index, shown = _index(actual), every(ERROR_STEPS, actual)
         for error in TRACKING_ERRORS:
             difference = layout("setpoint").values(setpoint, error.group) - layout("actual").values(actual, error.group)
             if not error.entity.startswith(PLOT):

@@ -37,8 +37,8 @@ _SHOWN = {
 PLOT = "plot/"
 """Prefix of what is shown in a unit for people; the same entity without it is SI."""
 
-PLOT_STEPS = 4
-"""Communication steps between two rows of a plot: its SI entity has all of them, and a screen does not show more."""
+POSITION_STEPS, ERROR_STEPS = 5, 2
+"""Communication steps between two rows of a plot: a screen does not show more, and the SI entity has all of them."""
 
 _NEAR = 6.0
 """The distance to a vertex is plotted up to this many prescribed deviations."""
@@ -157,9 +157,9 @@ def signals(scene: Scene) -> list[Signal]:
     return [*found, *plotted, _step_times()]
 
 
-def plot_rows(records: Records) -> NDArray[np.bool_]:
-    """Which records (n,) a plot of what moves smoothly shows (n,)."""
-    chosen: NDArray[np.bool_] = records["sequence"] % PLOT_STEPS == 0
+def every(steps: int, records: Records) -> NDArray[np.bool_]:
+    """Which of records (n,) are at every so many communication steps (n,)."""
+    chosen: NDArray[np.bool_] = records["sequence"] % steps == 0
     return chosen
 
 
@@ -168,7 +168,7 @@ def _plotted(signal: Signal, scene: Scene) -> Signal:
     near = 1e3 * _NEAR * max(float(scene.corner_deviation.max()), 1e-3)
 
     def chosen(records: Records, values: FloatArray) -> NDArray[np.bool_]:
-        return values < near if signal.entity.startswith("path") else plot_rows(records)
+        return values < near if signal.entity.startswith("path") else every(POSITION_STEPS, records)
 
     unit, factor = shown_unit(signal.names[0])
     names = tuple(f"{name.rpartition(' ')[0]} [{unit}]" for name in signal.names)

@@ -24,6 +24,9 @@ ROOT = Path(__file__).parents[1]
 PICTURES = Path(__file__).parent / "pictures"
 DEADLINE = 120.0
 CORNERS = ("Pick corner [mm]", "Place corner [mm]")
+GAP = 12
+"""Between pictures side by side [pixels]."""
+
 COLORS = 96
 """Of a picture: a viewer's has few, and a palette makes a third of the file."""
 
@@ -84,11 +87,12 @@ def photograph(recording: Path, seconds: float) -> tuple[bytes, list[bytes]]:
 def save(pictures: list[bytes], path: Path) -> None:
     """Write pictures side by side, with a palette."""
     images = [Image.open(io.BytesIO(picture)).convert("RGB") for picture in pictures]
-    whole = Image.new("RGB", (sum(image.width for image in images), max(image.height for image in images)))
+    width = sum(image.width for image in images) + GAP * (len(images) - 1)
+    whole = Image.new("RGB", (width, max(image.height for image in images)), "white")
     left = 0
     for image in images:
         whole.paste(image, (left, 0))
-        left += image.width
+        left += image.width + GAP
     whole.quantize(COLORS, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
