@@ -57,6 +57,7 @@ class CornerPass:
         prescribed: corner deviation [m].
         planned: corner deviation [m].
         executed: corner deviation [m].
+        reached: whether the tool came as far as the corner; if not, `executed` is how far away it remained.
         time: of the closest approach to the vertex [s].
         nearest: the executed path's point there (3,) [m].
         tracking_error: distance of the tool from its setpoint there [m].
@@ -69,6 +70,7 @@ class CornerPass:
     prescribed: float
     planned: float
     executed: float
+    reached: bool
     time: float
     nearest: tuple[float, ...]
     tracking_error: float
@@ -147,7 +149,7 @@ PATH_STEP = 1e-4
 
 def _corner_passes(
     operation: Operation, planned: NDArray[np.void], begin: float, time: FloatArray, tool: tuple[FloatArray, FloatArray]
-) -> Iterator[tuple[float, float, FloatArray, float, float]]:
+) -> Iterator[tuple[float, float, FloatArray, float, float, bool]]:
     """How the two corners of an operation were passed, in path order.
 
     Args:
@@ -158,14 +160,20 @@ def _corner_passes(
         tool: executed position (n, 3) [m] and velocity (n, 3) [m/s].
 
     Yields:
-        distance [m], time [s] and point (3,) [m] of the closest approach; tracking error [m] and lag [m] there.
+        distance [m], time [s] and point (3,) [m] of the closest approach; tracking error [m] and lag [m] there; whether the
+        corner was reached.
     """
     for vertex in operation.plan.vertices:
         executed, at, point = nearest_point(time, *tool, vertex)
         setpoint = operation.plan.sample(np.array([at - begin]))[0]
-        here = planned["arc_length"][np.argmin(np.linalg.norm(planned["tcp_position"] - point, axis=1))]
+        here, corner = (
+            float(planned["arc_length"][np.argmin(np.linalg.norm(planned["tcp_position"] - place, axis=1))])
+            for place in (point, vertex)
+        )
         error = float(np.linalg.norm(setpoint["tcp_position"] - point))
-        yield executed, at, point, error, float(setpoint["arc_length"] - here)
+        # A tool that stops short is nearly as far from the vertex as it is short; one that cuts the corner passes beside it.
+        # Where a vertex is an end of the path, both are nought: twice the distance between points of the plan is no difference.
+        yield executed, at, point, error, float(setpoint["arc_length"]) - here, corner - here < 0.5 * executed + 1e-3
 
 
 def overshoot(position: FloatArray, plan: Plan) -> float:
@@ -199,7 +207,7 @@ def evaluate(trace: Trace, run: Schedule) -> Execution:
             break
         plan, time, begin = operation.plan, trace.time[window], trace.time[0] + operation.start_ms / 1000.0
         passes = _corner_passes(operation, paths[id(plan)], begin, time, (position[window], velocity[window]))
-        for corner, (executed, at, point, error, lag) in enumerate(passes):
+        for corner, (executed, at, point, error, lag, reached) in enumerate(passes):
             corners.append(
                 CornerPass(
                     operation=number,
@@ -207,6 +215,7 @@ def evaluate(trace: Trace, run: Schedule) -> Execution:
                     prescribed=plan.task.corner_deviation[corner],
                     planned=plan.corner_deviation[corner],
                     executed=executed,
+                    reached=reached,
                     time=at,
                     nearest=tuple(point.tolist()),
                     tracking_error=error,

@@ -16,6 +16,7 @@ from deltaph.files import replace, write_text
 from deltaph.outputs import write_csv
 from deltaph.telemetry import MessageName, layout
 from deltaph.telemetry.reading import Reading, Rows
+from deltaph.telemetry.signals import is_held
 
 FloatArray = NDArray[np.float64]
 
@@ -53,7 +54,11 @@ def export(recording: Path, entity: str | None) -> dict[str, FloatArray]:
     columns = _index(nanoseconds, np.concatenate([rows.step for rows in tables.values()])[first])
     for name, rows in tables.items():
         values = np.full((len(nanoseconds), rows.values.shape[1]), np.nan)
-        values[np.searchsorted(nanoseconds, rows.nanoseconds)] = rows.values
+        if is_held(name):
+            begun = nanoseconds >= rows.nanoseconds[0]
+            values[begun] = rows.values[np.searchsorted(rows.nanoseconds, nanoseconds[begun], side="right") - 1]
+        else:
+            values[np.searchsorted(nanoseconds, rows.nanoseconds)] = rows.values
         columns |= _columns(name, values)
     for name, rows in reading.lanes.items():
         held = np.searchsorted(rows.nanoseconds, nanoseconds, side="right") - 1  # a state lasts until the next one

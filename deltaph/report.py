@@ -70,6 +70,7 @@ def _corner_facts(corner: CornerPass) -> dict[str, Any]:
         "prescribed_m": corner.prescribed,
         "planned_m": corner.planned,
         "executed_m": corner.executed,
+        "reached": corner.reached,
         "time_s": corner.time,
         "nearest_m": list(corner.nearest),
         "tracking_error_m": corner.tracking_error,

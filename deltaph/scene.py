@@ -46,13 +46,15 @@ def scene_of(scenario: Scenario) -> Scene:
 
 
 def corner_marks(facts: Mapping[str, Any], scene: Scene) -> list[CornerMark]:
-    """Of a run's JSON report, the worst pass of each corner, pick side first.
+    """Of a run's JSON report, the worst pass of each corner that was reached, pick side first.
 
     Of cycles, the way back passes the corners of the same move in the other order.
     """
     worst: dict[int, Mapping[str, Any]] = {}
     for corner in facts["executed"]["corners"]:
         side = corner["side"]
+        if not corner["reached"]:
+            continue
         if side not in worst or _excess(corner) > _excess(worst[side]):
             worst[side] = corner
     last = len(scene.moves) - 1

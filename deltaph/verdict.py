@@ -17,11 +17,11 @@ SIDES = ("pick", "place")
 
 _DEGREES = 180.0 / math.pi
 _PEAKS = (
-    ("velocity, deg/s", "joint_velocity", "joint_velocity_max_rad_s", _DEGREES),
-    ("acceleration, deg/s²", "joint_acceleration", "joint_acceleration_max_rad_s2", _DEGREES),
-    ("torque, N·m", "joint_torque", "joint_torque_max_Nm", 1.0),
+    ("velocity, rad/s", "joint_velocity", "joint_velocity_max_rad_s"),
+    ("acceleration, rad/s²", "joint_acceleration", "joint_acceleration_max_rad_s2"),
+    ("torque, N·m", "joint_torque", "joint_torque_max_Nm"),
 )
-"""Words, limit, fact, factor to the unit."""
+"""Words with the units of scenario files, limit, fact."""
 
 
 def provenance_facts(scenario: Scenario) -> dict[str, Any]:
@@ -66,8 +66,9 @@ def summary_markdown(scenario: Scenario, facts: Mapping[str, Any]) -> str:
 
 
 def _worst(facts: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """The corners, worst first."""
-    return sorted(facts["executed"]["corners"], key=lambda corner: float(corner["prescribed_m"] - corner["executed_m"]))
+    """The corners that were reached, worst first."""
+    reached = [corner for corner in facts["executed"]["corners"] if corner["reached"]]
+    return sorted(reached, key=lambda corner: float(corner["prescribed_m"] - corner["executed_m"]))
 
 
 def _place(corner: Mapping[str, Any], facts: Mapping[str, Any]) -> str:
@@ -83,8 +84,10 @@ def _verdict(scenario: Scenario, facts: Mapping[str, Any], tolerance: float) -> 
         axis = f" of axis {executed['trip_axis']}" if executed["trip_axis"] else ""
         yield f"# TRIPPED at {1e3 * executed['trip_time_s']:g} ms: {executed['trip']}{axis}"
         yield ""
+    if missed := [corner for corner in executed["corners"] if not corner["reached"]]:
+        yield f"# Not reached: {_place(missed[0], facts)}" + (f" and {len(missed) - 1} more" if len(missed) > 1 else "")
+        yield ""
     if not corners:
-        yield "# No corner was reached"
         return
     worst = corners[0]
     excess = worst["executed_m"] - worst["prescribed_m"]
@@ -125,7 +128,7 @@ def _cause(scenario: Scenario, corner: Mapping[str, Any]) -> str:
     behind = f"{_mm(abs(lag))} mm of path {'behind' if lag >= 0.0 else 'ahead'}"
     return (
         f"There, at {1e3 * corner['time_s']:.1f} ms, the tool is {_mm(corner['tracking_error_m'])} mm from its setpoint, {behind}; "
-        f"joint {widest + 1} is off most, by {joints[widest]:.2f} deg ({scenario.gains} drive gains)."
+        f"joint {widest + 1} is off most, by {joints[widest]:.2g} deg ({scenario.gains} drive gains)."
     )
 
 
@@ -137,6 +140,7 @@ def _corners(facts: Mapping[str, Any], tolerance: float) -> Iterator[str]:
     for side in (0, 1):
         found = next((corner for corner in corners if corner["side"] == side), None)
         if found is None:
+            yield f"| {SIDES[side]} | | | not reached | |"
             continue
         margin = found["prescribed_m"] - found["executed_m"]
         word = "kept" if margin >= -tolerance else "**NOT kept**"
@@ -161,12 +165,12 @@ def _peaks(scenario: Scenario, facts: Mapping[str, Any]) -> Iterator[str]:
     """The plan's peaks against the limits, and the motors as they were driven."""
     yield "| peak at joint | 1 | 2 | 3 | limit | used |"
     yield "|---|---|---|---|---|---|"
-    for words, limit, fact, factor in _PEAKS:
+    for words, limit, fact in _PEAKS:
         peaks = facts["plan"][fact]
         limits = [float(value) for value in getattr(scenario.limits, limit)]
         used = max(peak / bound for peak, bound in zip(peaks, limits, strict=True))
-        bounds = " ".join(dict.fromkeys("-" if math.isinf(value) else f"{factor * value:.4g}" for value in limits))
-        values = " | ".join(f"{factor * peak:.4g}" for peak in peaks)
+        bounds = " ".join(dict.fromkeys("-" if math.isinf(value) else f"{value:.4g}" for value in limits))
+        values = " | ".join(f"{peak:.4g}" for peak in peaks)
         yield f"| planned {words} | {values} | {bounds} | {f'{100.0 * used:.0f} %' if used else '-'} |"
     executed = facts["executed"]
     for words, fact in (("executed motor, N·m", "motor_torque_max_Nm"), ("executed motor rms, N·m", "motor_torque_rms_Nm")):

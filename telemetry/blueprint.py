@@ -112,7 +112,8 @@ def _joint_plot(scene: Scene, words: str, quantity: str, si: str, note: str = ""
     if not len(finite):
         return _plot(name, entity)
     if np.isfinite(peak) and finite.min() > _FAR_LIMIT * peak:
-        return _plot(f"{name}, limit ±{finite.min():.4g} outside", entity, within=(-1.3 * peak, 1.3 * peak))
+        words = f"{name}, planned peak {peak:.3g}, limit ±{finite.min():.4g} outside"
+        return _plot(words, entity, within=(-1.3 * peak, 1.3 * peak))
     return _plot(f"{name}, limit red", entity)
 
 
@@ -125,7 +126,7 @@ def _deviations(scene: Scene) -> rrb.Container | rrb.View:
     views = []
     for index, name in enumerate(CORNERS):
         size, at = corner.size(scene, index), float(scene.moves[0].corner_times[index])
-        title = f"To the {name} vertex [mm]"  # half the width; the corner's picture tells the colours
+        title = f"To {name} vertex [mm], limit {size:g}"  # half the width; the corner's picture tells the colours
         views.append(_plot(title, entity, within=(-0.2 * size, 3.0 * size), during=(at - 0.025, at + 0.025)))
     return rrb.Horizontal(*views)
 
@@ -167,7 +168,7 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
     )
     tool = rrb.Vertical(
         _plot("Tool speed [m/s]: broad actual, thin setpoint", "tcp/speed/**"),
-        _plot("Tool position [mm]: x red, y green, z blue", f"{PLOT}tcp/position/**"),
+        _plot("Tool position [m]: x red, y green, z blue", "tcp/position/**"),
         name="Tool",
     )
     timing = rrb.Vertical(

@@ -19,12 +19,13 @@ from deltaph.telemetry.corner import executed_entity, marks, near, still_corners
 from deltaph.telemetry.events import EventWatch, level, sentence
 from deltaph.telemetry.keys import FRAME_MESSAGES, MessageName
 from deltaph.telemetry.messages import Layout, Records, layout
-from deltaph.telemetry.scene import CornerMark, Scene
-from deltaph.telemetry.signals import TRACKING_ERRORS, limits, signals, style
-from deltaph.telemetry.world import CORNERS, EXECUTED_PATH, POSE_STEPS, MovingWorld, still_world, trace
+from deltaph.telemetry.scene import CornerMark, FloatArray, Scene
+from deltaph.telemetry.signals import ERROR_STEPS, PLOT, TRACKING_ERRORS, Signal, every, is_held, limits, signals, style
+from deltaph.telemetry.world import CORNERS, EXECUTED_PATH, POSE_STEPS, TRACE_STEPS, MovingWorld, still_world, trace
 
 APPLICATION_ID = "deltaph"
 
+_ALL = slice(None)
 _LANES: tuple[tuple[str, MessageName, str], ...] = (("phase", "setpoint", "path.phase"), ("trip", "actual", "trip"))
 
 
@@ -34,23 +35,25 @@ class Recorder:
     Args:
         path: file to write; checked now, written from the first chunk on, so that a run that never starts leaves nothing behind.
         scene: what is known before the run.
-        chunk: frames that are written at once; writing them takes a few milliseconds.
+        chunk: frames that are written at once; writing them takes some 50 ms of its thread.
 
     Raises:
         EnvironmentProblem: the file cannot be written.
     """
 
-    def __init__(self, path: Path, scene: Scene, *, chunk: int = 1000) -> None:
+    def __init__(self, path: Path, scene: Scene, *, chunk: int = 2000) -> None:
         self._chunk = chunk
         self._frames: list[Frame] = []
         self._messages: dict[MessageName, list[np.void]] = {name: [] for name in FRAME_MESSAGES}
         self._signals = signals(scene)
         self._limits = list(limits(scene))
         self._world = MovingWorld(scene)
-        self._unposed = np.empty(0, layout("actual").dtype)  # since the last pose, which comes first
+        self._waiting = np.empty(0, layout("actual").dtype)  # from the end of the last piece of the trace on
         self._lanes: dict[str, int] = {}
         self._watch = EventWatch()
         self._events: list[np.void] = []
+        self._held: dict[str, tuple[float, int]] = {}  # value and step of the last row
+        self._last: dict[MessageName, Records] = {}  # one record each
         self._summary: tuple[str, str, Sequence[CornerMark]] | None = None
         self._closed = False
         self._path = path
@@ -93,8 +96,9 @@ class Recorder:
         try:
             self._write_frames()
             self._write_messages(None)
-            if len(self._unposed) > 1:
-                self._write_poses(self._unposed, [0, len(self._unposed) - 1])
+            self._write_held_ends()
+            if len(self._waiting) > 1:
+                self._write_motion(self._waiting[:0], last=True)
             if self._summary is not None and self._open_stream is not None:
                 markdown, facts, corners = self._summary
                 self._stream.log("summary", _text(markdown), static=True, strict=True)
@@ -160,65 +164,105 @@ class Recorder:
         self._write_events()
 
     def _write_message(self, name: MessageName, records: Records) -> None:
+        self._last[name] = records[-1:]
         index = _index(records)
         for signal in self._signals:
             if signal.message == name:
-                self._send(signal.entity, index, rr.Scalars.columns(scalars=signal.values(records)))
+                self._write_signal(signal, records, index)
         for entity, message, field in _LANES:
             if message == name:
                 self._write_lane(entity, records, layout(name), field)
         if name == "actual":
-            self._take_poses(records)
+            self._write_motion(records)
         if name == "setpoint":
             ends = records[[0, -1]]
             for limit in self._limits:
                 self._send(limit.entity, _index(ends), rr.Scalars.columns(scalars=[limit.values] * 2))
 
-    def _take_poses(self, actual: Records) -> None:
-        """Pose the robot at every POSE_STEPS-th step; what comes after the last one waits, so that chunks leave no trace."""
-        waiting = np.concatenate([self._unposed, actual])
-        groups = waiting["sequence"].astype(np.int64) // POSE_STEPS
-        poses = [0, *(np.flatnonzero(np.diff(groups)) + 1).tolist()]
-        if not len(self._unposed):
-            self._write_poses(waiting[:1], [0])
-        if len(poses) > 1:
-            self._write_poses(waiting, poses)
-        self._unposed = waiting[poses[-1] :]
+    def _write_signal(self, signal: Signal, records: Records, index: list[rr.TimeColumn]) -> None:
+        values = signal.values(records)
+        chosen = None
+        if is_held(signal.entity):
+            before, step = self._held.get(signal.entity, (np.nan, -1))
+            chosen = np.diff(values, prepend=before) != 0.0
+            self._held[signal.entity] = float(values[-1]), int(records["sequence"][chosen][-1]) if chosen.any() else step
+        elif signal.chosen is not None:
+            chosen = signal.chosen(records, values)
+        if chosen is None:
+            self._send(signal.entity, index, rr.Scalars.columns(scalars=values))
+        elif chosen.any():
+            self._send(signal.entity, _index(records, chosen), rr.Scalars.columns(scalars=values[chosen]))
 
-    def _write_poses(self, records: Records, poses: Sequence[int]) -> None:
-        """The robot at records of these numbers but the first, which was written before, and the path from each to the next."""
-        shown = records[[*poses[1:]]] if len(poses) > 1 else records
-        index = _index(shown)
-        for entity, columns in self._world.rows(shown):
+    def _write_held_ends(self) -> None:
+        """A last row for what did not change, so that its line goes on to the end."""
+        for signal in self._signals:
+            last = self._last.get(signal.message)
+            if last is not None and is_held(signal.entity) and self._held[signal.entity][1] != last["sequence"][0]:
+                self._send(signal.entity, _index(last), rr.Scalars.columns(scalars=signal.values(last)))
+
+    def _write_motion(self, actual: Records, *, last: bool = False) -> None:
+        """The robot and its trace. What comes after a whole piece of the trace waits, so that chunks leave no marks."""
+        waiting = np.concatenate([self._waiting, actual])
+        if not len(self._waiting):
+            self._write_robot(waiting[:1])
+        ends, poses = (_begins(waiting, steps) for steps in (TRACE_STEPS, POSE_STEPS))
+        if last and len(waiting) - 1 not in (0, *ends):
+            ends.append(len(waiting) - 1)
+            poses = sorted({*poses, len(waiting) - 1})
+        if ends:
+            self._write_robot(waiting[[pose for pose in poses if pose <= ends[-1]]])
+            self._write_trace(waiting, ends)
+            self._waiting = waiting[ends[-1] :]
+        else:
+            self._waiting = waiting
+
+    def _write_robot(self, poses: Records) -> None:
+        index = _index(poses)
+        for entity, columns in self._world.rows(poses):
             self._send(entity, index, columns)
-        if len(poses) < 2:
-            return
+
+    def _write_trace(self, records: Records, ends: list[int]) -> None:
+        """The executed path from the first record to the first end, from there to the next, and so on."""
         tcp = layout("actual").values(records, "tcp_position")
-        pieces = [tcp[first : last + 1] for first, last in pairwise(poses)]
-        self._send(EXECUTED_PATH, index, trace(pieces))
-        moves = [self._scene.moves[k] for k in self._scene.move_at(records["time"][poses[:-1]])]
+        pieces = [tcp[first : last + 1] for first, last in pairwise([0, *ends])]
+        shown = records[ends]
+        self._send(EXECUTED_PATH, _index(shown), trace(pieces))
+        moves = self._scene.move_at(records["time"][[0, *ends[:-1]]])
         for corner in range(len(CORNERS)):
-            seen = [move.seen_from(corner, piece) for move, piece in zip(moves, pieces, strict=True)]
-            close = [k for k, points in enumerate(seen) if near(self._scene, corner, points)]
+            self._write_corner(corner, moves, pieces, shown)
+
+    def _write_corner(self, corner: int, moves: NDArray[np.intp], pieces: list[FloatArray], shown: Records) -> None:
+        """The executed path where it comes near a corner of the move that runs."""
+        for number in np.unique(moves):
+            of_move = np.flatnonzero(moves == number)
+            seen = self._scene.moves[number].seen_from(corner, np.concatenate([pieces[k] for k in of_move]))
+            strips = np.split(seen, np.cumsum([len(pieces[k]) for k in of_move])[:-1])
+            close = [k for k, points in enumerate(strips) if near(self._scene, corner, points)]
             if close:
-                self._send(executed_entity(corner), _index(shown[close]), rr.LineStrips2D.columns(strips=[seen[k] for k in close]))
+                rows = rr.LineStrips2D.columns(strips=[strips[k] for k in close])
+                self._send(executed_entity(corner), _index(shown[of_move[close]]), rows)
 
     def _write_tracking_errors(self, setpoint: Records, actual: Records) -> None:
-        common, of_setpoint, of_actual = np.intersect1d(setpoint["sequence"], actual["sequence"], return_indices=True)
-        if not len(common):
+        if not np.array_equal(setpoint["sequence"], actual["sequence"]):  # messages were lost
+            _, of_setpoint, of_actual = np.intersect1d(setpoint["sequence"], actual["sequence"], return_indices=True)
+            setpoint, actual = setpoint[of_setpoint], actual[of_actual]
+        if not len(actual):
             return
+        index, shown = _index(actual), every(ERROR_STEPS, actual)
         for error in TRACKING_ERRORS:
-            difference = layout("setpoint").values(setpoint[of_setpoint], error.group) - layout("actual").values(
-                actual[of_actual], error.group
-            )
-            self._send(error.entity, _index(actual[of_actual]), rr.Scalars.columns(scalars=error.factor * difference))
+            difference = layout("setpoint").values(setpoint, error.group) - layout("actual").values(actual, error.group)
+            if not error.entity.startswith(PLOT):
+                self._send(error.entity, index, rr.Scalars.columns(scalars=difference))
+            elif shown.any():
+                rows = rr.Scalars.columns(scalars=error.factor * difference[shown])
+                self._send(error.entity, _index(actual, shown), rows)
 
     def _write_events(self) -> None:
         """What happened, in words."""
         events, self._events = np.array(self._events, dtype=layout("event").dtype), []
         if len(events):
             texts = rr.TextLog.columns(text=[sentence(event) for event in events], level=[level(event) for event in events])
-            self._send("event", _index(events, events["step"]), texts)
+            self._send("event", _index(events, step="step"), texts)
 
     def _write_lane(self, entity: str, records: Records, message: Layout, field: str) -> None:
         """A row where an enumeration changes."""
@@ -237,11 +281,17 @@ def _text(markdown: str) -> rr.TextDocument:
     return rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN)
 
 
-def _index(records: Records, steps: NDArray[Any] | None = None) -> list[rr.TimeColumn]:
-    """Simulation time, to the nearest nanosecond, and step of records (n,): their sequence number where it is not given."""
-    steps = records["sequence"] if steps is None else steps
-    nanoseconds = np.rint(records["time"] * 1e9).astype("timedelta64[ns]")
-    return [rr.TimeColumn("sim_time", duration=nanoseconds), rr.TimeColumn("step", sequence=steps.astype(np.int64))]
+def _begins(records: Records, steps: int) -> list[int]:
+    """Where, after the first of records (n,), the next so many communication steps begin."""
+    begins: list[int] = (np.flatnonzero(np.diff(records["sequence"].astype(np.int64) // steps)) + 1).tolist()
+    return begins
+
+
+def _index(records: Records, chosen: NDArray[np.bool_] | slice = _ALL, step: str = "sequence") -> list[rr.TimeColumn]:
+    """Simulation time, to the nearest nanosecond, and the step, which a field holds, of records (n,) or of those that are chosen."""
+    nanoseconds = np.rint(records["time"][chosen] * 1e9).astype("timedelta64[ns]")
+    steps = records[step][chosen].astype(np.int64)
+    return [rr.TimeColumn("sim_time", duration=nanoseconds), rr.TimeColumn("step", sequence=steps)]
 
 
 def _check_writable(path: Path) -> None:

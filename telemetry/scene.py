@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,12 +43,12 @@ class Move:
             if np.ndim(points) != 2 or np.shape(points)[1] != 3:
                 raise ValueError(f"a path has the shape {np.shape(points)} instead of (n, 3)")
 
-    @property
+    @cached_property
     def vertices(self) -> FloatArray:
         """The vertices of the two corners (2, 3) [m]."""
         return np.asarray(self.right_angle_path, dtype=np.float64)[1:3]
 
-    @property
+    @cached_property
     def across(self) -> FloatArray:
         """Horizontal direction from pick to place (3,), a unit vector; x where one is above the other."""
         direction = (self.vertices[1] - self.vertices[0]) * [1.0, 1.0, 0.0]

@@ -31,35 +31,49 @@ _ENTITIES = {"path/vertex_distance": "path/deviation"}
 _SHOWN = {
     "m": ("mm", 1e3),
     "rad": ("deg", 180.0 / np.pi),
-    "rad/s": ("deg/s", 180.0 / np.pi),
-    "rad/s2": ("deg/s2", 180.0 / np.pi),
-    "s": ("ms", 1e3),
 }
 """SI unit -> unit and factor for people; others stay."""
 
 PLOT = "plot/"
 """Prefix of what is shown in a unit for people; the same entity without it is SI."""
 
-_PLOTTED = ("path/deviation", "joint/position", "joint/velocity", "joint/acceleration", "tcp/position")
+POSITION_STEPS, ERROR_STEPS = 5, 2
+"""Communication steps between two rows of a plot: a screen does not show more, and the SI entity has all of them."""
+
+_NEAR = 6.0
+"""The distance to a vertex is plotted up to this many prescribed deviations."""
+
+_PLOTTED = ("path/deviation", "joint/position")
+_HELD = re.compile(r"timing/(missed_|slipped_|dropped_|lateness)|path/length/|trip_time/")
 _STEP_TIMES = ("planner_step", "plant_step", "publish", "lateness")
 _JOINED = ("joint_tracking_error", "tcp_tracking_error")  # recorded as setpoint - actual; the plant extrapolates the setpoint
 
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """An entity with one row of scalars per frame.
+    """An entity with rows of scalars: one per frame, but for plots and for what is held.
 
     Attributes:
         entity: such as `joint/position/setpoint`.
         message: where its values come from.
         names: of the series, with unit.
         values: records (n,) -> values (n,) or (n, series), SI but for plots.
+        chosen: records (n,) and values -> which of them become rows (n,); None is all.
     """
 
     entity: str
     message: MessageName
     names: tuple[str, ...]
     values: Callable[[Records], FloatArray]
+    chosen: Callable[[Records, FloatArray], NDArray[np.bool_]] | None = None
+
+
+def is_held(entity: str) -> bool:
+    """Whether a signal keeps its value for so long that it has rows only where it changes, and a last one.
+
+    An entity costs 15 bytes a row beside its values, compressed: counters at full rate would be a sixth of a recording.
+    """
+    return _HELD.match(entity) is not None
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +91,7 @@ class Limit:
     values: tuple[float, ...]
 
 
+_WITHOUT_SETPOINT = ("motor/", "rod/", "joint/work/")
 _WIDTHS = {"actual": (5.0, 7.0, 3.5), "setpoint": (1.5, 2.8, 1.2)}
 """Of the joints' lines: where joints 2 and 3 move alike, joint 2 shows as a rim of joint 3."""
 
@@ -88,13 +103,17 @@ def style(entity: str, names: Sequence[str]) -> rr.SeriesLines:
     """
     role = entity.rpartition("/")[2]
     if "timing" in entity:
-        return rr.SeriesLines(names=list(names), widths=[1.5] * len(names))
+        held = rr.components.InterpolationMode.StepAfter if is_held(entity) else None
+        colors = (*JOINTS, CORNER)[: len(names)]
+        return rr.SeriesLines(names=list(names), colors=list(colors), widths=[1.5] * len(names), interpolation_mode=held)
     if role in ("limit", "limit_below"):
         return rr.SeriesLines(names=list(names), colors=[LIMIT] * len(names), widths=[1.5] * len(names))
     if len(names) == 1:
         color = PLANNED if role == "setpoint" else EXECUTED
         return rr.SeriesLines(names=list(names), colors=[color], widths=[5.0 if role == "actual" else 1.5])
     colors = AXES if "tcp" in entity else JOINTS
+    if entity.startswith(_WITHOUT_SETPOINT):
+        role = "setpoint"
     if role == "actual":
         colors = tuple((r // 2, g // 2, b // 2) for r, g, b in colors)
     return rr.SeriesLines(names=list(names), colors=list(colors), widths=list(_WIDTHS.get(role, _WIDTHS["setpoint"])))
@@ -134,14 +153,26 @@ def signals(scene: Scene) -> list[Signal]:
             lambda records: scene.vertex_distance(records["time"], layout("actual").values(records, "tcp_position")),
         )
     )
-    return [*found, *(_plotted(signal) for signal in found if signal.entity.rpartition("/")[0] in _PLOTTED), _step_times()]
+    plotted = [_plotted(signal, scene) for signal in found if signal.entity.rpartition("/")[0] in _PLOTTED]
+    return [*found, *plotted, _step_times()]
 
 
-def _plotted(signal: Signal) -> Signal:
-    """A signal in the unit for people."""
+def every(steps: int, records: Records) -> NDArray[np.bool_]:
+    """Which of records (n,) are at every so many communication steps (n,)."""
+    chosen: NDArray[np.bool_] = records["sequence"] % steps == 0
+    return chosen
+
+
+def _plotted(signal: Signal, scene: Scene) -> Signal:
+    """A signal in the unit for people: the deviation in full near the vertices, the rest as the eye sees it."""
+    near = 1e3 * _NEAR * max(float(scene.corner_deviation.max()), 1e-3)
+
+    def chosen(records: Records, values: FloatArray) -> NDArray[np.bool_]:
+        return values < near if signal.entity.startswith("path") else every(POSITION_STEPS, records)
+
     unit, factor = shown_unit(signal.names[0])
     names = tuple(f"{name.rpartition(' ')[0]} [{unit}]" for name in signal.names)
-    return Signal(PLOT + signal.entity, signal.message, names, lambda records: factor * signal.values(records))
+    return Signal(PLOT + signal.entity, signal.message, names, lambda records: factor * signal.values(records), chosen)
 
 
 def _step_times() -> Signal:

@@ -19,6 +19,9 @@ CORNERS = ("pick", "place")
 POSE_STEPS = 10
 """Communication steps from one pose of the robot to the next: 100 pictures a second at 1 ms."""
 
+TRACE_STEPS = 50
+"""Communication steps in one piece of the executed path, which has a point for each: rows cost more than points."""
+
 _METAL = (185, 190, 200)
 _DARK_METAL = (95, 100, 110)
 _SURFACE = (45, 50, 58)

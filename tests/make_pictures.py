@@ -5,24 +5,35 @@
 Needs a Vulkan driver; Debian's mesa-vulkan-drivers has one that needs no graphics card.
 """
 
+import io
 import os
 import socket
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import rerun_cli
+from PIL import Image
 from rerun.experimental import ViewerClient
 
 ROOT = Path(__file__).parents[1]
 PICTURES = Path(__file__).parent / "pictures"
-DEADLINE = 30.0
+DEADLINE = 120.0
+CORNERS = ("Pick corner [mm]", "Place corner [mm]")
+GAP = 12
+"""Between pictures side by side [pixels]."""
+
+COLORS = 96
+"""Of a picture: a viewer's has few, and a palette makes a third of the file."""
 
 
-def photograph(recording: Path, picture: Path, seconds: float, size: str = "1600x1000") -> None:
-    """Write a picture (PNG) of a recording with the time cursor at `seconds`."""
+@contextmanager
+def viewer_of(recording: Path, size: str = "1600x1000") -> Iterator[ViewerClient]:
+    """A viewer without a screen that has loaded a recording."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
@@ -42,10 +53,7 @@ def photograph(recording: Path, picture: Path, seconds: float, size: str = "1600
     ]
     with subprocess.Popen(command, env={**os.environ, "XDG_RUNTIME_DIR": tempfile.gettempdir(), "RUST_LOG": "error"}) as viewer:
         try:
-            client = loaded(f"rerun+http://127.0.0.1:{port}/proxy")
-            client.set_time("sim_time", duration=seconds, play_state="paused")
-            time.sleep(float(os.environ.get("SETTLE", "12")))  # a notice covers a corner of the window for some seconds
-            picture.write_bytes(client.take_screenshot())
+            yield loaded(f"rerun+http://127.0.0.1:{port}/proxy")
         finally:
             viewer.terminate()
 
@@ -67,6 +75,27 @@ def loaded(url: str) -> ViewerClient:
         time.sleep(0.1)
 
 
+def photograph(recording: Path, seconds: float) -> tuple[bytes, list[bytes]]:
+    """Pictures (PNG) of a recording with the time cursor at `seconds`: the whole window, and its two corner views where it has them."""
+    with viewer_of(recording) as client:
+        client.set_time("sim_time", duration=seconds, play_state="paused")
+        time.sleep(float(os.environ.get("SETTLE", "12")))  # a notice covers a corner of the window for some seconds
+        views = {view.name: view.view_id for view in client.get_state().views}
+        return client.take_screenshot(), [client.take_screenshot(views[name]) for name in CORNERS if name in views]
+
+
+def save(pictures: list[bytes], path: Path) -> None:
+    """Write pictures side by side, with a palette."""
+    images = [Image.open(io.BytesIO(picture)).convert("RGB") for picture in pictures]
+    width = sum(image.width for image in images) + GAP * (len(images) - 1)
+    whole = Image.new("RGB", (width, max(image.height for image in images)), "white")
+    left = 0
+    for image in images:
+        whole.paste(image, (left, 0))
+        left += image.width + GAP
+    whole.quantize(COLORS, dither=Image.Dither.NONE).save(path, optimize=True)
+
+
 def main() -> None:
     """Make the pictures."""
     PICTURES.mkdir(exist_ok=True)
@@ -81,7 +110,10 @@ def main() -> None:
             subprocess.run([deltaph, "run", scenario, "--no-telemetry", "--record", recordings[name]], check=True)
         subprocess.run([deltaph, "compare", recordings["paper"], recordings["time_optimal"], "-o", recordings[both]], check=True)
         for name in ("paper", "factory_gains", both):
-            photograph(recordings[name], PICTURES / f"{name}.png", 0.056)
+            window, corners = photograph(recordings[name], 0.056)
+            save([window], PICTURES / f"{name}.png")
+            if corners:
+                save(corners, PICTURES / f"{name}_corners.png")
 
 
 if __name__ == "__main__":

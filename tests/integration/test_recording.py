@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from deltaph.errors import EnvironmentProblem
-from deltaph.frame import Frame
+from deltaph.frame import TIMING, Frame
 from deltaph.telemetry import BackgroundSink, Recorder, layout
 from deltaph.telemetry.events import EventWatch
 from deltaph.telemetry.keys import FRAME_MESSAGES
 from deltaph.telemetry.scene import CornerMark
+from deltaph.telemetry.signals import is_held
 
 FRAMES = frames(1050, noise=1e-5)  # from the 1025th on, some times are below a whole nanosecond
 RERUN = Path(rerun_cli.__file__).with_name("rerun")
@@ -144,17 +145,15 @@ def test_deviation_is_the_distance_to_the_nearer_vertex(recording: Recording) ->
 def test_every_signal_has_one_row_per_frame_at_its_time_and_step(recording: Recording) -> None:
     times = [round(frame.time * 1e9) for frame in FRAMES]
     signals = {e: rows for e, rows in recording.rows.items() if e not in ("/phase", "/trip", "/event") and "limit" not in e}
-    signals = {e: rows for e, rows in signals.items() if not e.startswith(("/world", "/corner"))}
-    assert {entity.split("/")[1] for entity in signals} == {
-        *("joint", "tcp", "path", "motor", "rod", "constraint", "trip_time", "timing", "plot")
-    }
+    signals = {e: rows for e, rows in signals.items() if not e.startswith(("/world", "/corner", "/plot")) and not is_held(e[1:])}
+    assert {entity.split("/")[1] for entity in signals} == {*("joint", "tcp", "path", "motor", "rod", "constraint", "timing")}
     for entity, rows in signals.items():
         assert rows["sim_time"].tolist() == times, entity
         assert rows["step"].tolist() == list(range(len(FRAMES))), entity
 
 
 def test_timing_is_recorded(recording: Recording) -> None:
-    for name in ("planner_step", "plant_step", "publish", "lateness", "missed_deadlines", "real_time_factor"):
+    for name in ("planner_step", "plant_step", "publish", "real_time_factor"):
         assert np.array_equal(recording.scalars(f"/timing/{name}"), column("timing", name))
 
 
@@ -187,19 +186,40 @@ def test_joint_range_is_a_limit(recording: Recording) -> None:
     [
         ("path/deviation/setpoint", "mm", 1e3),
         ("path/deviation/actual", "mm", 1e3),
-        ("path/deviation/limit", "mm", 1e3),
         ("joint/position/setpoint", "deg", 180.0 / np.pi),
-        ("joint/velocity/actual", "deg/s", 180.0 / np.pi),
-        ("joint/velocity/limit", "deg/s", 180.0 / np.pi),
-        ("joint/acceleration/setpoint", "deg/s2", 180.0 / np.pi),
-        ("tcp/position/actual", "mm", 1e3),
+        ("joint/position/actual", "deg", 180.0 / np.pi),
         ("joint/tracking_error", "deg", 180.0 / np.pi),
         ("tcp/tracking_error", "mm", 1e3),
     ],
 )
 def test_plots_show_the_same_in_units_for_people(recording: Recording, entity: str, unit: str, factor: float) -> None:
-    np.testing.assert_allclose(recording.scalars(f"/plot/{entity}"), factor * recording.scalars(f"/{entity}"), rtol=1e-15)
+    steps, whole = recording.rows[f"/plot/{entity}"]["step"], recording.scalars(f"/{entity}")
+    assert recording.rows[f"/plot/{entity}"]["sim_time"].tolist() == [round(FRAMES[k].time * 1e9) for k in steps]
+    np.testing.assert_allclose(recording.scalars(f"/plot/{entity}"), factor * whole[steps], rtol=1e-15)
     assert all(name.endswith(f" [{unit}]") for name in recording.static[f"/plot/{entity}"]["SeriesLines:names"])
+    if entity.startswith("path"):  # each step near the vertices
+        assert steps.tolist() == np.flatnonzero(whole[:, 0] < 6.0 * DEVIATION).tolist()
+    else:
+        assert steps.tolist() == list(range(0, len(FRAMES), 2 if "error" in entity else 5))
+
+
+def test_prescribed_deviation_is_plotted_in_millimetres(recording: Recording) -> None:
+    assert np.unique(recording.scalars("/plot/path/deviation/limit")) == pytest.approx([1e3 * DEVIATION])
+
+
+def test_what_is_held_has_rows_where_it_changes_and_at_the_end(recording: Recording, tmp_path: Path) -> None:
+    for entity in ("/path/length/setpoint", "/trip_time/actual", "/timing/missed_deadlines", "/timing/lateness"):
+        assert recording.rows[entity]["step"].tolist() == [0, len(FRAMES) - 1], entity
+    name = [name for name, _, _ in TIMING].index("missed_deadlines")
+    recorder = Recorder(tmp_path / "run.rrd", scene(), chunk=16)
+    for frame in FRAMES[:60]:
+        timing = frame.timing.copy()
+        timing[name] = frame.step // 25
+        recorder.take(frame._replace(timing=timing))
+    recorder.close()
+    rows = Recording(tmp_path / "run.rrd")
+    assert rows.rows["/timing/missed_deadlines"]["step"].tolist() == [0, 25, 50, 59]
+    assert rows.scalars("/timing/missed_deadlines")[:, 0].tolist() == [0.0, 1.0, 2.0, 2.0]
 
 
 def test_step_times_are_plotted_in_milliseconds(recording: Recording) -> None:
@@ -255,7 +275,7 @@ def test_robot_is_posed_as_often_as_the_eye_sees(recording: Recording) -> None:
 
 def test_executed_path_has_every_frame(recording: Recording) -> None:
     rows = recording.rows["/world/path/executed"]
-    assert rows["step"].tolist() == POSES[1:]
+    assert rows["step"].tolist() == [*range(50, len(FRAMES), 50), len(FRAMES) - 1]
     points = np.concatenate([np.array(strips[0])[1:] for strips in rows["LineStrips3D:strips"]])
     np.testing.assert_allclose(points, column("actual", *axes("position"))[1:], atol=1e-6)
 
