@@ -288,7 +288,7 @@ def _begins(records: Records, steps: int) -> list[int]:
 
 
 def _index(records: Records, chosen: NDArray[np.bool_] | slice = _ALL, step: str = "sequence") -> list[rr.TimeColumn]:
-    """Simulation time, to the nearest nanosecond, and the step, which a field holds, of records (n,) or of those that are chosen."""
+    """Simulation time, to the nearest nanosecond, and step, which a field holds, of records (n,) or of those that are chosen."""
     nanoseconds = np.rint(records["time"][chosen] * 1e9).astype("timedelta64[ns]")
     steps = records[step][chosen].astype(np.int64)
     return [rr.TimeColumn("sim_time", duration=nanoseconds), rr.TimeColumn("step", sequence=steps)]

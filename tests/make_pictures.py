@@ -76,7 +76,7 @@ def loaded(url: str) -> ViewerClient:
 
 
 def photograph(recording: Path, seconds: float) -> tuple[bytes, list[bytes]]:
-    """Pictures (PNG) of a recording with the time cursor at `seconds`: the whole window, and its two corner views where it has them."""
+    """Pictures (PNG) of a recording with the time cursor at `seconds`: the whole window, and its corner views where it has them."""
     with viewer_of(recording) as client:
         client.set_time("sim_time", duration=seconds, play_state="paused")
         time.sleep(float(os.environ.get("SETTLE", "12")))  # a notice covers a corner of the window for some seconds
