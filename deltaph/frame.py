@@ -145,7 +145,7 @@ class Frames(Sequence[Frame]):
 
     def _frame(self, n: int) -> Frame:
         views = {name: view[n] for name, view in self._views.items()}
-        return Frame(n, float(self._time[n]), int(self._unix_time_ns[n]), **views)  # type: ignore[arg-type]
+        return Frame(n, float(self._time[n]), int(self._unix_time_ns[n]), **views)
 
 
 def columns(frames: Sequence[Frame], what: str) -> NDArray[np.float64]:

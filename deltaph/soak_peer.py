@@ -7,7 +7,7 @@ import sys
 import time
 from pathlib import Path
 
-from deltaph.telemetry import Subscriber, open_router_session
+from deltaph.telemetry import MessageName, Subscriber, open_router_session
 
 STREAMING = "streaming"
 """The line that says that the first message, or the router, is there."""
@@ -19,7 +19,7 @@ def _ready() -> None:
 
 def subscribe(endpoint: str, cell: str, report: Path) -> None:
     """Follow a cell to its end, and write what came: by message the first and last sequence number, how many, and in what order."""
-    tally: dict[str, dict[str, int]] = {}
+    tally: dict[MessageName, dict[str, int]] = {}
     longest = 0
     with Subscriber(cell, [endpoint]) as subscriber:
         subscriber.wait_for_cell()
@@ -38,7 +38,7 @@ def subscribe(endpoint: str, cell: str, report: Path) -> None:
                 seen["out_of_order"] += sequence <= seen["last"]
                 seen["last"] = max(sequence, seen["last"])
         for name, seen in tally.items():
-            seen |= {"received": subscriber.received[name], "missing": subscriber.missing[name]}  # type: ignore[index]
+            seen |= {"received": subscriber.received[name], "missing": subscriber.missing[name]}
         facts = {"messages": tally, "longest_pause_s": longest * 1e-9, "summary": subscriber.summary is not None}
     report.write_text(json.dumps(facts), encoding="utf-8")
 
