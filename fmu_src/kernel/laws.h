@@ -16,6 +16,9 @@ typedef struct dph_planar {
 dph_verdict dph_refuse(dph_status status, dph_phase phase, int joint, double required, double available);
 dph_verdict dph_accept(void);
 
+/* Least dexterity on a path. */
+extern const double dph_least_dexterity;
+
 /* Can the robot be at a point (3) [m]: reach, joint range, dexterity. */
 dph_verdict dph_pose_check(const dph_robot *robot, const double point[3], dph_phase phase);
 

@@ -13,7 +13,7 @@ static const double none = 1e30;
 static const double least = 1e-12;
 
 /* Greatest dx/dt [1/s], where no other limit holds the ends: no PPO is done in less than 5 ms. */
-static const double fastest = 200.0;
+const double dph_least_inverse_cap = 1.0 / (200.0 * 200.0);
 
 static dph_verdict invert(double limit, double *inverse, int *finite)
 {
@@ -114,7 +114,7 @@ dph_verdict dph_path_gravity_check(const dph_plan *plan, const dph_bounds *bound
 
 double dph_inverse_cap(const dph_bounds *bounds, const dph_path_point *point)
 {
-    double speed = point->ds * bounds->tcp_speed, cap = speed * speed, floor = 1.0 / (fastest * fastest);
+    double speed = point->ds * bounds->tcp_speed, cap = speed * speed, floor = dph_least_inverse_cap;
     for (int i = 0; i < 3; ++i) {
         double v = point->q[0][i] * bounds->velocity[i];
         cap = v * v > cap ? v * v : cap;

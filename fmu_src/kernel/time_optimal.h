@@ -25,6 +25,9 @@ void dph_path_point_at(const dph_plan *plan, const dph_bounds *bounds, int segme
  * limited. */
 dph_verdict dph_path_gravity_check(const dph_plan *plan, const dph_bounds *bounds);
 
+/* 1 / greatest b of all [s^2]. */
+extern const double dph_least_inverse_cap;
+
 /* Greatest b by velocity limits, inverted [s^2]. */
 double dph_inverse_cap(const dph_bounds *bounds, const dph_path_point *point);
 
@@ -39,6 +42,22 @@ void dph_profile_make(const dph_plan *plan, dph_workspace *w);
 
 /* Shrink b to strict feasibility at the nodes by one factor. Returned: the duration then [s]; infinite where there is none. */
 double dph_profile_fit(dph_workspace *w);
+
+/* Boole's rule on the five nodes of an interval. */
+extern const double dph_boole[DPH_NODES];
+
+/* How many of the knots, as a share, lie up to points of the path: rising from 0 to 1 at x from 0 to 1, linear in between. */
+typedef struct dph_shares {
+    int intervals;
+    double at[DPH_COARSE + 1], share[DPH_COARSE + 1];
+} dph_shares;
+
+/* Lay knots: about so many intervals, at least so many in each segment of a side. */
+void dph_knots_lay(const dph_plan *plan, const dph_shares *shares, int intervals, const int least[3], dph_workspace *w);
+
+/* ---- reachability.c ------------------------------------------------------------------------------------------------------------------ */
+
+dph_verdict dph_reachability(const dph_plan *plan, dph_workspace *w, double *stretch);
 
 /* ---- interior_point.c ------------------------------------------------------------------------------------------------------------- */
 

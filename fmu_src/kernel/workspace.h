@@ -7,6 +7,7 @@
 
 enum {
     DPH_FINE = 12,     /* parts of an interval on which the limits are verified */
+    DPH_REACH_FINE = 6,
     DPH_NODES = 5,     /* nodes of an interval at which the limits are constraints: u = 0, 1/4, 1/2, 3/4, 1 */
     DPH_ROWS = 9,      /* two-sided constraints of a node: acceleration, torque and jerk of three joints */
     DPH_COARSE = 64,   /* parts of the crude profile */
@@ -43,9 +44,20 @@ typedef struct dph_node {
     dph_row row[DPH_ROWS];
 } dph_node;
 
+/* A point as reachability.c sees it, over the limits: speed of each joint by sqrt(b), acceleration by b and b'. */
+typedef struct dph_reach_point {
+    double speed[3], c[2][3];
+    double ds, length; /* ds/dx [m]; arc length from the nearer end [m] */
+} dph_reach_point;
+
+typedef struct dph_reach_fine {
+    double c[2][3], ds; /* ds/dx over the limit of the tcp speed */
+} dph_reach_fine;
+
 struct dph_workspace {
     dph_bounds bounds;
     int intervals;
+    int parts; /* of an interval on which the limits are verified, at most DPH_FINE */
     int segment[DPH_PIECES];
     double knot[DPH_PIECES + 1];
     double inner[DPH_PIECES];                        /* where an interval's first point is seen: its knot, but inside its segment */
@@ -55,6 +67,11 @@ struct dph_workspace {
     double tighten[DPH_PIECES][3];                   /* of velocity, of acceleration and torque, of jerk; 1 or more */
     dph_path_point point[DPH_PIECES][DPH_FINE + 1];
     dph_node node[DPH_PIECES][DPH_NODES];
+    /* reachability.c */
+    dph_reach_point reach[DPH_PIECES + 1][2];            /* at the knots and in the middles */
+    dph_reach_fine fine[DPH_PIECES][DPH_REACH_FINE + 1]; /* where the limits are verified */
+    double row[DPH_PIECES][2][3];                        /* at the knots, of each joint's acceleration by b and b' */
+    double bend[DPH_PIECES][3], cap[DPH_PIECES];         /* by b in the middles; greatest b there */
     double matrix[DPH_UNKNOWNS][4];                  /* lower band: [i][k] is element (i, i - k) */
     double objective[DPH_UNKNOWNS], barrier[DPH_UNKNOWNS], step[DPH_UNKNOWNS];
     dph_path_point coarse[DPH_COARSE + 1];

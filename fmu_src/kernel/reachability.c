@@ -1,0 +1,404 @@
+/* The time-optimal law where only velocity and acceleration are limited: reachability analysis.
+ * H. Pham and Q.-C. Pham, "A New Approach to Time-Optimal Path Parameterization Based on Reachability Analysis", IEEE Transactions on
+ * Robotics 34(3), 2018: a backward pass finds the greatest value of each unknown from which rest can be reached, a forward pass takes the
+ * greatest one that can be reached.
+ *
+ * Here b is a quadratic spline, so that acceleration is continuous. Its control polygon has a vertex in the middle of every interval and
+ * one at each end, and so a leg at every knot, which the spline touches there. An acceleration, linear in the two vertices of a leg, is
+ * constrained at the knot, where it is exact; in between, where b and b' are means of those of two legs, an error of second order is left.
+ * What it amounts to is measured, the constraints are tightened by it, and the passes are run again. */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "delta_arms.h"
+#include "laws.h"
+#include "time_optimal.h"
+
+/* Intervals of a first, coarse b, in each segment of a side; of the final one about so many, at least so many in each segment. */
+enum { INTERVALS = 56 };
+static const int coarse_intervals[3] = {7, 12, 7}, least_intervals[3] = {3, 8, 3};
+
+/* First vertex over second one and second over third, and the same from the other end: at rest q' = q'' = 0, and nothing bounds them.
+ * Constant acceleration from rest is b ~ 1/x. */
+static const double rise = 2.0;
+
+/* ---- Geometry --------------------------------------------------------------------------------------------------------------------- */
+
+/* Range of the joints as directions; a range of half a turn or more is not narrow. */
+typedef struct Range {
+    double low[2], high[2];
+    int narrow;
+} Range;
+
+static Range range_of(const dph_robot *robot)
+{
+    double low = robot->joint_position_min, high = robot->joint_position_max;
+    Range range = {{cos(low), sin(low)}, {cos(high), sin(high)}, high - low < 3.14};
+    return range;
+}
+
+/* Points this far apart at most are checked [m]: plan.c says why. */
+static const double spacing = 0.01;
+
+/* Of a point of the path: what its joints do, or a refusal. */
+static dph_verdict point_at(const dph_plan *plan, const dph_bounds *bounds, const Range *range, int segment, double x,
+                            dph_corner_walk *walk, dph_reach_point *point)
+{
+    double planar[3][2], d[3][3];
+    dph_path_walk(plan, segment, x, walk, planar, &point->ds, &point->length);
+    const double *origin = segment >= 3 ? plan->task.place : plan->task.pick;
+    for (int order = 0; order < 3; ++order) {
+        d[order][0] = planar[order][0] * plan->direction[0];
+        d[order][1] = planar[order][0] * plan->direction[1];
+        d[order][2] = planar[order][1];
+    }
+    for (int i = 0; i < 3; ++i)
+        d[0][i] += origin[i];
+    dph_rates rates;
+    int fine = dph_rates_at(&plan->robot, d[0], d[1], d[2], &rates) && range->narrow && rates.dexterity > 2.0 * dph_least_dexterity;
+    for (int i = 0; i < 3 && fine; ++i) {
+        const double *r = rates.direction[i];
+        fine = range->low[0] * r[1] > range->low[1] * r[0] && range->high[1] * r[0] > range->high[0] * r[1];
+    }
+    for (int i = 0; i < 3; ++i) {
+        point->speed[i] = rates.q[0][i] * bounds->velocity[i];
+        point->c[0][i] = rates.q[1][i] * bounds->acceleration[i];
+        point->c[1][i] = 0.5 * rates.q[0][i] * bounds->acceleration[i];
+    }
+    return fine ? dph_accept() : dph_pose_check(&plan->robot, d[0], dph_segment_phase[segment]);
+}
+
+/* Points of the path between two that are far apart. */
+static dph_verdict check_between(const dph_plan *plan, int segment, double from, double to)
+{
+    int parts = (int)(fabs(to - from) / spacing) + 1;
+    for (int i = 1; i < parts; ++i) {
+        double d[4][2], point[3];
+        const double *origin = segment >= 3 ? plan->task.place : plan->task.pick;
+        dph_path_at(plan, segment, from + (to - from) * i / parts, d);
+        for (int k = 0; k < 2; ++k)
+            point[k] = origin[k] + d[0][0] * plan->direction[k];
+        point[2] = origin[2] + d[0][1];
+        dph_verdict verdict = dph_pose_check(&plan->robot, point, dph_segment_phase[segment]);
+        if (verdict.status != DPH_STATUS_OK)
+            return verdict;
+    }
+    return dph_accept();
+}
+
+/* Points at the knots and, where wanted, in the middle of each interval. */
+static dph_verdict lay_points(const dph_plan *plan, dph_workspace *w, int middles)
+{
+    Range range = range_of(&plan->robot);
+    dph_corner_walk walk = {0.0};
+    dph_verdict verdict = dph_accept();
+    for (int k = 0; k <= w->intervals && verdict.status == DPH_STATUS_OK; ++k) {
+        int last = k == w->intervals, segment = w->segment[last ? k - 1 : k];
+        if (k > 0 && w->segment[k - 1] != segment)
+            memset(&walk, 0, sizeof walk);
+        verdict = point_at(plan, &w->bounds, &range, segment, last ? 1.0 : w->inner[k], &walk, &w->reach[k][0]);
+        if (middles && !last && verdict.status == DPH_STATUS_OK)
+            verdict = point_at(plan, &w->bounds, &range, segment, 0.5 * (w->knot[k] + w->knot[k + 1]), &walk, &w->reach[k][1]);
+    }
+    for (int k = 0; middles && k < w->intervals && verdict.status == DPH_STATUS_OK; ++k) {
+        int place = w->segment[k] >= 3;
+        double from = w->reach[k][0].length, middle = w->reach[k][1].length, to = w->reach[k + 1][0].length;
+        if (place != (w->segment[k + 1 < w->intervals ? k + 1 : k] >= 3))
+            to = plan->length - to;
+        verdict = check_between(plan, w->segment[k], from, middle);
+        if (verdict.status == DPH_STATUS_OK)
+            verdict = check_between(plan, w->segment[k], middle, to);
+    }
+    return verdict;
+}
+
+/* ---- The two passes --------------------------------------------------------------------------------------------------------------- */
+
+static double inverse_cap(const dph_bounds *bounds, const dph_reach_point *point)
+{
+    double tcp = point->ds * bounds->tcp_speed, cap = tcp * tcp > dph_least_inverse_cap ? tcp * tcp : dph_least_inverse_cap;
+    for (int i = 0; i < 3; ++i)
+        cap = point->speed[i] * point->speed[i] > cap ? point->speed[i] * point->speed[i] : cap;
+    return cap;
+}
+
+/* What the points say to the passes: rows at the knots, in the middles greatest b by velocity, and where b' does not count, by acceleration. */
+static void lay_rows(dph_workspace *w, int middles)
+{
+    for (int k = 0; k < w->intervals; ++k) {
+        const dph_reach_point *here = &w->reach[k][0], *next = &w->reach[k + 1][0], *middle = middles ? &w->reach[k][1] : 0;
+        w->cap[k] = middles ? 1.0 / inverse_cap(&w->bounds, middle)
+                            : 2.0 / (inverse_cap(&w->bounds, here) + inverse_cap(&w->bounds, next));
+        memcpy(w->row[k], here->c, sizeof w->row[k]);
+        for (int i = 0; i < 3; ++i)
+            w->bend[k][i] = fabs(middles ? middle->c[0][i] : 0.5 * (here->c[0][i] + next->c[0][i]));
+    }
+}
+
+static inline double least_of(double a, double b)
+{
+    return a < b ? a : b;
+}
+
+/* A leg's rows |from u + to v| <= 1 in its two vertices, to >= 0. */
+typedef struct Leg {
+    double from[3], to[3];
+} Leg;
+
+/* Where both coefficients have the same sign, a joint bends more than it moves, and a greater u makes v smaller: the passes, which take the
+ * greatest, would go up and down from vertex to vertex. Such a row bounds the vertex that counts more in it, to where the other rows let
+ * the other vertex be greatest. */
+static void calm(const Leg *leg, double v[2])
+{
+    for (int j = 0; j < 3; ++j) {
+        double u = leg->from[j], t = leg->to[j];
+        if (!(u > 0.0))
+            continue;
+        int second = t >= u;
+        double most = second ? (1.0 - u * v[0]) / t : (1.0 - t * v[1]) / u;
+        for (int i = 0; i < 3; ++i) {
+            double d = u * leg->to[i] - leg->from[i] * t, at = second ? -leg->from[i] - u : leg->to[i] - t;
+            if (leg->from[i] < 0.0 && at > most * d)
+                most = at / d;
+        }
+        double both = 1.0 / (u + t);
+        v[second] = least_of(v[second], most < 0.25 * both ? both : most);
+    }
+}
+
+/* The greatest u for which there is a v in [0, v[1]]. */
+static double backward(const Leg *leg, const double v[2])
+{
+    double most = v[0];
+    for (int i = 0; i < 3; ++i) {
+        double u = leg->from[i], room = u > 0.0 ? 1.0 : 1.0 + leg->to[i] * v[1];
+        if (most * fabs(u) > room)
+            most = room / fabs(u);
+        for (int j = 0; j < i; ++j) {
+            double d = fabs(u * leg->to[j] - leg->from[j] * leg->to[i]), sum = leg->to[i] + leg->to[j];
+            if (most * d > sum)
+                most = sum / d;
+        }
+    }
+    return most;
+}
+
+/* The greatest v at u. */
+static double forward(const Leg *leg, const double v[2])
+{
+    double most = v[1];
+    for (int i = 0; i < 3; ++i) {
+        double room = 1.0 - leg->from[i] * v[0];
+        if (most * leg->to[i] > room)
+            most = room / leg->to[i];
+    }
+    return most;
+}
+
+/* b and b' at the knots from the rows. */
+static void solve(dph_workspace *w)
+{
+    int n = w->intervals; /* vertices 0 to n + 1 */
+    double v[DPH_PIECES + 2], at[DPH_PIECES], span[DPH_PIECES];
+    Leg leg[DPH_PIECES];
+    memcpy(&v[1], w->cap, (size_t)n * sizeof *v);
+    for (int k = 1; k < n; ++k) {
+        span[k] = 0.5 * (w->knot[k + 1] - w->knot[k - 1]);
+        at[k] = 0.5 * (w->knot[k] - w->knot[k - 1]) / span[k];
+        double inverse = 1.0 / span[k];
+        for (int i = 0; i < 3; ++i) {
+            double c = w->row[k][0][i], slope = w->row[k][1][i] * inverse, u = c * (1.0 - at[k]) - slope, t = c * at[k] + slope;
+            leg[k].from[i] = t < 0.0 ? -u : u;
+            leg[k].to[i] = fabs(t);
+            /* A joint that turns round in an interval has nothing there to brake with: b' does not count. */
+            if (k < n - 1 && w->row[k][1][i] * w->row[k + 1][1][i] < 0.0 && v[k + 1] * w->bend[k][i] > 1.0)
+                v[k + 1] = 1.0 / w->bend[k][i];
+        }
+    }
+    for (int i = 0; i < 3; ++i) {
+        v[2] = least_of(v[2], 1.0 / fabs(rise * leg[1].from[i] + leg[1].to[i]));
+        v[n - 1] = least_of(v[n - 1], 1.0 / fabs(leg[n - 1].from[i] + rise * leg[n - 1].to[i]));
+    }
+    for (int k = 2; k < n - 1; ++k)
+        calm(&leg[k], &v[k]);
+    for (int k = n - 2; k > 1; --k)
+        v[k] = backward(&leg[k], &v[k]);
+    for (int k = 2; k < n - 1; ++k)
+        v[k + 1] = forward(&leg[k], &v[k]);
+    v[1] = rise * v[2];
+    v[0] = rise * v[1];
+    v[n] = rise * v[n - 1];
+    v[n + 1] = rise * v[n];
+    for (int k = 1; k < n; ++k) {
+        w->slope[k] = (v[k + 1] - v[k]) / span[k];
+        w->b[k] = v[k] + at[k] * (v[k + 1] - v[k]);
+    }
+    w->b[0] = v[0];
+    w->b[n] = v[n + 1];
+    w->slope[0] = 2.0 * (v[1] - v[0]) / (w->knot[1] - w->knot[0]);
+    w->slope[n] = 2.0 * (v[n + 1] - v[n]) / (w->knot[n] - w->knot[n - 1]);
+}
+
+/* ---- Knots ------------------------------------------------------------------------------------------------------------------------ */
+
+/* Knots where the coarse b bends: a quadratic spline's error in an interval of width h is h^2 b''/b. */
+static void shares_of(const dph_workspace *w, dph_shares *shares)
+{
+    static const double evenly = 5.0, most = 1.5;
+    int n = w->intervals;
+    double density[DPH_PIECES + 1];
+    for (int k = 1; k < n; ++k) {
+        double before = w->knot[k] - w->knot[k - 1], after = w->knot[k + 1] - w->knot[k];
+        double jump = (w->b[k + 1] - w->b[k]) / after - (w->b[k] - w->b[k - 1]) / before;
+        density[k] = sqrt(fabs(jump) / (0.5 * (before + after) * w->b[k]));
+    }
+    density[0] = density[1];
+    density[n] = density[n - 1];
+    for (int pass = 0; pass < 2; ++pass) {
+        double before = density[0];
+        for (int k = 0; k < n; ++k) {
+            double here = density[k];
+            density[k] = 0.25 * (before + 2.0 * here + density[k + 1]);
+            before = here;
+        }
+    }
+    shares->intervals = n;
+    shares->at[0] = shares->share[0] = 0.0;
+    for (int k = 0; k < n; ++k) {
+        double width = w->knot[k + 1] - w->knot[k], bend = 0.5 * width * (density[k] + density[k + 1]);
+        shares->at[k + 1] = w->knot[k + 1];
+        shares->share[k + 1] = shares->share[k] + least_of(bend, most) + evenly * width;
+    }
+    for (int k = 1; k < n; ++k)
+        shares->share[k] /= shares->share[n];
+    shares->share[n] = 1.0;
+}
+
+/* ---- Verification ----------------------------------------------------------------------------------------------------------------- */
+
+/* Rows between two points h apart: q' by the cubic with its values and slopes, q'' its derivative. */
+static void rows_between(const dph_reach_point *a, const dph_reach_point *b, double h, double u, double c[2][3])
+{
+    double r = 1.0 - u;
+    for (int i = 0; i < 3; ++i) {
+        double rise1 = b->c[1][i] - a->c[1][i], slope0 = 0.5 * h * a->c[0][i], slope1 = 0.5 * h * b->c[0][i];
+        c[1][i] = a->c[1][i] * r * r * (1.0 + 2.0 * u) + b->c[1][i] * u * u * (3.0 - 2.0 * u) + slope0 * u * r * r - slope1 * u * u * r;
+        c[0][i] = 2.0 / h * (6.0 * rise1 * u * r + slope0 * r * (1.0 - 3.0 * u) + slope1 * u * (3.0 * u - 2.0));
+    }
+}
+
+static void lay_fine(const dph_plan *plan, dph_workspace *w)
+{
+    for (int k = 0; k < w->intervals; ++k) {
+        double h = 0.5 * (w->knot[k + 1] - w->knot[k]);
+        for (int i = 0; i <= DPH_REACH_FINE; ++i) {
+            double half = 2.0 * i / DPH_REACH_FINE;
+            int behind = half >= 1.0;
+            double u = behind ? half - 1.0 : half, y[4];
+            rows_between(&w->reach[k][behind], behind ? &w->reach[k + 1][0] : &w->reach[k][1], h, u, w->fine[k][i].c);
+            dph_parameter_at(w->knot[k] + half * h, y);
+            w->fine[k][i].ds = plan->length * y[1] * w->bounds.tcp_speed;
+        }
+    }
+}
+
+static double peak_of(const double f[DPH_REACH_FINE + 1])
+{
+    double peak = 0.0;
+    for (int i = 0; i <= DPH_REACH_FINE; ++i)
+        peak = fabs(f[i]) > peak ? fabs(f[i]) : peak;
+    if (peak < 0.97)
+        return peak;
+    for (int i = 1; i < DPH_REACH_FINE; ++i) {
+        double sign = f[i] < 0.0 ? -1.0 : 1.0, here = sign * f[i], gain = sign * (f[i + 1] - f[i - 1]);
+        double bend = 2.0 * here - sign * (f[i + 1] + f[i - 1]);
+        if (fabs(gain) <= 2.0 * bend) {
+            double top = here + gain * gain / (8.0 * bend);
+            peak = top > peak ? top : peak;
+        }
+    }
+    return peak;
+}
+
+double dph_reachability_verify(dph_workspace *w, double *duration)
+{
+    double stretch2 = 0.0, ratio[3];
+    *duration = 0.0;
+    for (int i = 0; i < 3; ++i)
+        ratio[i] = w->bounds.acceleration[i] > 0.0 ? 2.0 * w->bounds.velocity[i] / w->bounds.acceleration[i] : 0.0;
+    for (int k = 0; k < w->intervals; ++k) {
+        double width = w->knot[k + 1] - w->knot[k], series[3][DPH_REACH_FINE + 1], speed = 0.0, acceleration = 0.0, time = 0.0;
+        for (int i = 0; i <= DPH_REACH_FINE; ++i) {
+            const dph_reach_fine *fine = &w->fine[k][i];
+            double u = (double)i / DPH_REACH_FINE, bend = w->slope[k + 1] - w->slope[k];
+            double slope = w->slope[k] + u * bend, b = w->b[k] + width * u * (w->slope[k] + 0.5 * u * bend);
+            if (!(b > 0.0))
+                return 0.0;
+            double tcp = fine->ds * fine->ds * b;
+            speed = tcp > speed ? tcp : speed;
+            for (int j = 0; j < 3; ++j) {
+                double v = fine->c[1][j] * ratio[j];
+                speed = v * v * b > speed ? v * v * b : speed;
+                series[j][i] = fine->c[0][j] * b + fine->c[1][j] * slope;
+            }
+            if (i % 3 == 0)
+                time += (i == 3 ? 4.0 : 1.0) / sqrt(b);
+        }
+        for (int j = 0; j < 3; ++j) {
+            double peak = peak_of(series[j]);
+            acceleration = peak > acceleration ? peak : acceleration;
+        }
+        *duration += width * time / 6.0;
+        w->tighten[k][0] = speed > 1.0 ? speed : 1.0;
+        w->tighten[k][1] = acceleration > 1.0 ? acceleration : 1.0;
+        stretch2 = speed > stretch2 ? speed : stretch2;
+        stretch2 = acceleration > stretch2 ? acceleration : stretch2;
+    }
+    double stretch = stretch2 > 1.0 ? sqrt(stretch2) : 1.0;
+    *duration *= stretch;
+    return stretch;
+}
+
+static void tighten(dph_workspace *w)
+{
+    for (int k = 0; k < w->intervals; ++k) {
+        double own = w->tighten[k][1], before = w->tighten[k > 0 ? k - 1 : k][1], ratio = own > before ? own : before;
+        w->cap[k] /= w->tighten[k][0];
+        for (int i = 0; i < 3; ++i) {
+            w->row[k][0][i] *= ratio;
+            w->row[k][1][i] *= ratio;
+            w->bend[k][i] *= own;
+        }
+    }
+}
+
+dph_verdict dph_reachability(const dph_plan *plan, dph_workspace *w, double *stretch)
+{
+    dph_shares shares = {1, {0.0, 1.0}, {0.0, 1.0}};
+    dph_knots_lay(plan, &shares, 0, coarse_intervals, w);
+    dph_verdict verdict = lay_points(plan, w, 0);
+    if (verdict.status != DPH_STATUS_OK)
+        return verdict;
+    lay_rows(w, 0);
+    solve(w);
+    shares_of(w, &shares);
+    dph_knots_lay(plan, &shares, INTERVALS, least_intervals, w);
+    verdict = lay_points(plan, w, 1);
+    if (verdict.status != DPH_STATUS_OK)
+        return verdict;
+    lay_rows(w, 1);
+    lay_fine(plan, w);
+    for (int round = 0; round < 3; ++round) {
+        double duration;
+        solve(w);
+        *stretch = dph_reachability_verify(w, &duration);
+#ifdef TRACE
+        printf("%d: %.6f %.4f\n", round, *stretch, 1e3 * duration);
+#endif
+        if (!(*stretch > 1.0005))
+            break;
+        tighten(w);
+    }
+    return verdict;
+}
