@@ -204,17 +204,17 @@ int dph_rates_at(const dph_robot *robot, const double point[3], const double fir
 {
     /* dph_pose_at and dph_pose_motion in the planes of the arms, x outwards and y beside: with cos and sin from the closure (upper_arm)
      * s . E' = La root, s . E'' = La (La - k). */
-    double upper = robot->upper_arm_length, forearm = robot->forearm_length, speed2 = dot(first, first), least = HUGE_VAL, s[3][3], normal[3];
+    double upper = robot->upper_arm_length, forearm = robot->forearm_length, half = 0.5 / upper, speed2 = dot(first, first), least = HUGE_VAL, s[3][3], normal[3];
     for (int i = 0; i < 3; ++i) {
         const double *u = arm_direction[i];
         double x = point[0] * u[0] + point[1] * u[1] + robot->platform_radius - robot->base_radius;
         double y = point[1] * u[0] - point[0] * u[1], z = point[2];
-        double p2 = x * x + z * z, k = (p2 + upper * upper - (forearm - y) * (forearm + y)) / (2.0 * upper);
+        double p2 = x * x + z * z, k = (p2 + upper * upper - (forearm - y) * (forearm + y)) * half;
         double root2 = p2 - k * k;
         if (!(root2 > 0.0) || !(fabs(y) <= forearm))
             return 0;
-        double root = sqrt(root2), scale = 1.0 / p2, c = scale * (x * k - z * root), d = -scale * (z * k + x * root);
-        double along = x - upper * c, up = z + upper * d, inverse = 1.0 / (upper * root);
+        double root = sqrt(root2), both = 1.0 / (p2 * root), scale = both * root, inverse = 2.0 * half * both * p2, c = scale * (x * k - z * root), d = -scale * (z * k + x * root);
+        double along = x - upper * c, up = z + upper * d;
 
         double x1 = first[0] * u[0] + first[1] * u[1], y1 = first[1] * u[0] - first[0] * u[1], z1 = first[2];
         double x2 = second[0] * u[0] + second[1] * u[1], y2 = second[1] * u[0] - second[0] * u[1], z2 = second[2];

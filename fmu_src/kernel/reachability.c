@@ -25,16 +25,15 @@ static const double rise = 2.0;
 
 /* ---- Geometry --------------------------------------------------------------------------------------------------------------------- */
 
-/* Range of the joints as directions; a range of half a turn or more is not narrow. */
+/* The joint range as the direction of its middle and the cosine of its half; a hair less, for rounding. */
 typedef struct Range {
-    double low[2], high[2];
-    int narrow;
+    double middle[2], cosine;
 } Range;
 
 static Range range_of(const dph_robot *robot)
 {
-    double low = robot->joint_position_min, high = robot->joint_position_max;
-    Range range = {{cos(low), sin(low)}, {cos(high), sin(high)}, high - low < 3.14};
+    double middle = 0.5 * (robot->joint_position_min + robot->joint_position_max);
+    Range range = {{cos(middle), sin(middle)}, cos(robot->joint_position_max - middle) + 1e-9};
     return range;
 }
 
@@ -42,7 +41,7 @@ static Range range_of(const dph_robot *robot)
 static const double spacing = 0.01;
 
 /* Of a point of the path: what its joints do, or a refusal. */
-static dph_verdict point_at(const dph_plan *plan, const dph_bounds *bounds, const Range *range, int segment, double x,
+static dph_verdict point_at(const dph_plan *plan, const Range *range, int segment, double x,
                             dph_corner_walk *walk, dph_reach_point *point)
 {
     double planar[3][2], d[3][3];
@@ -56,16 +55,10 @@ static dph_verdict point_at(const dph_plan *plan, const dph_bounds *bounds, cons
     for (int i = 0; i < 3; ++i)
         d[0][i] += origin[i];
     dph_rates rates;
-    int fine = dph_rates_at(&plan->robot, d[0], d[1], d[2], &rates) && range->narrow && rates.dexterity > 2.0 * dph_least_dexterity;
-    for (int i = 0; i < 3 && fine; ++i) {
-        const double *r = rates.direction[i];
-        fine = range->low[0] * r[1] > range->low[1] * r[0] && range->high[1] * r[0] > range->high[0] * r[1];
-    }
-    for (int i = 0; i < 3; ++i) {
-        point->speed[i] = rates.q[0][i] * bounds->velocity[i];
-        point->c[0][i] = rates.q[1][i] * bounds->acceleration[i];
-        point->c[1][i] = 0.5 * rates.q[0][i] * bounds->acceleration[i];
-    }
+    int fine = dph_rates_at(&plan->robot, d[0], d[1], d[2], &rates) && rates.dexterity > 2.0 * dph_least_dexterity;
+    for (int i = 0; i < 3; ++i)
+        fine &= rates.direction[i][0] * range->middle[0] + rates.direction[i][1] * range->middle[1] > range->cosine;
+    memcpy(point->q, rates.q, sizeof point->q);
     return fine ? dph_accept() : dph_pose_check(&plan->robot, d[0], dph_segment_phase[segment]);
 }
 
@@ -97,9 +90,9 @@ static dph_verdict lay_points(const dph_plan *plan, dph_workspace *w, int middle
         int last = k == w->intervals, segment = w->segment[last ? k - 1 : k];
         if (k > 0 && w->segment[k - 1] != segment)
             memset(&walk, 0, sizeof walk);
-        verdict = point_at(plan, &w->bounds, &range, segment, last ? 1.0 : w->inner[k], &walk, &w->reach[k][0]);
+        verdict = point_at(plan, &range, segment, last ? 1.0 : w->inner[k], &walk, &w->reach[k][0]);
         if (middles && !last && verdict.status == DPH_STATUS_OK)
-            verdict = point_at(plan, &w->bounds, &range, segment, 0.5 * (w->knot[k] + w->knot[k + 1]), &walk, &w->reach[k][1]);
+            verdict = point_at(plan, &range, segment, 0.5 * (w->knot[k] + w->knot[k + 1]), &walk, &w->reach[k][1]);
     }
     for (int k = 0; middles && k < w->intervals && verdict.status == DPH_STATUS_OK; ++k) {
         int place = w->segment[k] >= 3;
@@ -118,8 +111,10 @@ static dph_verdict lay_points(const dph_plan *plan, dph_workspace *w, int middle
 static double inverse_cap(const dph_bounds *bounds, const dph_reach_point *point)
 {
     double tcp = point->ds * bounds->tcp_speed, cap = tcp * tcp > dph_least_inverse_cap ? tcp * tcp : dph_least_inverse_cap;
-    for (int i = 0; i < 3; ++i)
-        cap = point->speed[i] * point->speed[i] > cap ? point->speed[i] * point->speed[i] : cap;
+    for (int i = 0; i < 3; ++i) {
+        double v = point->q[0][i] * bounds->velocity[i];
+        cap = v * v > cap ? v * v : cap;
+    }
     return cap;
 }
 
@@ -130,9 +125,12 @@ static void lay_rows(dph_workspace *w, int middles)
         const dph_reach_point *here = &w->reach[k][0], *next = &w->reach[k + 1][0], *middle = middles ? &w->reach[k][1] : 0;
         w->cap[k] = middles ? 1.0 / inverse_cap(&w->bounds, middle)
                             : 2.0 / (inverse_cap(&w->bounds, here) + inverse_cap(&w->bounds, next));
-        memcpy(w->row[k], here->c, sizeof w->row[k]);
-        for (int i = 0; i < 3; ++i)
-            w->bend[k][i] = fabs(middles ? middle->c[0][i] : 0.5 * (here->c[0][i] + next->c[0][i]));
+        for (int i = 0; i < 3; ++i) {
+            double inverse = w->bounds.acceleration[i];
+            w->row[k][0][i] = inverse * here->q[1][i];
+            w->row[k][1][i] = inverse * 0.5 * here->q[0][i];
+            w->bend[k][i] = inverse * fabs(middles ? middle->q[1][i] : 0.5 * (here->q[1][i] + next->q[1][i]));
+        }
     }
 }
 
@@ -277,28 +275,32 @@ static void shares_of(const dph_workspace *w, dph_shares *shares)
 
 /* ---- Verification ----------------------------------------------------------------------------------------------------------------- */
 
-/* Rows between two points h apart: q' by the cubic with its values and slopes, q'' its derivative. */
-static void rows_between(const dph_reach_point *a, const dph_reach_point *b, double h, double u, double c[2][3])
+/* A third and two thirds of the way between two points h apart: q' by the cubic with its values and slopes, q'' its derivative. */
+static void thirds(const dph_reach_point *a, const dph_reach_point *b, double h, double q[2][2][3])
 {
-    double r = 1.0 - u;
+    double inverse = 1.0 / h;
     for (int i = 0; i < 3; ++i) {
-        double rise1 = b->c[1][i] - a->c[1][i], slope0 = 0.5 * h * a->c[0][i], slope1 = 0.5 * h * b->c[0][i];
-        c[1][i] = a->c[1][i] * r * r * (1.0 + 2.0 * u) + b->c[1][i] * u * u * (3.0 - 2.0 * u) + slope0 * u * r * r - slope1 * u * u * r;
-        c[0][i] = 2.0 / h * (6.0 * rise1 * u * r + slope0 * r * (1.0 - 3.0 * u) + slope1 * u * (3.0 * u - 2.0));
+        double gain = b->q[0][i] - a->q[0][i], low = h * a->q[1][i], high = h * b->q[1][i];
+        q[0][0][i] = a->q[0][i] + (7.0 * gain + 4.0 * low - 2.0 * high) / 27.0;
+        q[1][0][i] = b->q[0][i] - (7.0 * gain + 4.0 * high - 2.0 * low) / 27.0;
+        q[0][1][i] = inverse * (4.0 * gain - high) / 3.0;
+        q[1][1][i] = inverse * (4.0 * gain - low) / 3.0;
     }
 }
 
 static void lay_fine(const dph_plan *plan, dph_workspace *w)
 {
     for (int k = 0; k < w->intervals; ++k) {
-        double h = 0.5 * (w->knot[k + 1] - w->knot[k]);
-        for (int i = 0; i <= DPH_REACH_FINE; ++i) {
-            double half = 2.0 * i / DPH_REACH_FINE;
-            int behind = half >= 1.0;
-            double u = behind ? half - 1.0 : half, y[4];
-            rows_between(&w->reach[k][behind], behind ? &w->reach[k + 1][0] : &w->reach[k][1], h, u, w->fine[k][i].c);
-            dph_parameter_at(w->knot[k] + half * h, y);
-            w->fine[k][i].ds = plan->length * y[1] * w->bounds.tcp_speed;
+        double h = 0.5 * (w->knot[k + 1] - w->knot[k]), (*q)[2][3] = w->fine[k];
+        memcpy(q[0], w->reach[k][0].q, sizeof *q);
+        thirds(&w->reach[k][0], &w->reach[k][1], h, &q[1]);
+        memcpy(q[3], w->reach[k][1].q, sizeof *q);
+        thirds(&w->reach[k][1], &w->reach[k + 1][0], h, &q[4]);
+        memcpy(q[6], w->reach[k + 1][0].q, sizeof *q);
+        for (int i = 0; i <= DPH_REACH_FINE && w->bounds.tcp_speed > 0.0; ++i) {
+            double y[4];
+            dph_parameter_at(w->knot[k] + h * i / 3.0, y);
+            w->fine_ds[k][i] = plan->length * y[1] * w->bounds.tcp_speed;
         }
     }
 }
@@ -321,43 +323,44 @@ static double peak_of(const double f[DPH_REACH_FINE + 1])
     return peak;
 }
 
-double dph_reachability_verify(dph_workspace *w, double *duration)
+/* As stretch_of in time_optimal.c. */
+static double verify(dph_workspace *w, double *duration)
 {
-    double stretch2 = 0.0, ratio[3];
+    const dph_bounds *bounds = &w->bounds;
+    double stretch2 = 1.0;
     *duration = 0.0;
-    for (int i = 0; i < 3; ++i)
-        ratio[i] = w->bounds.acceleration[i] > 0.0 ? 2.0 * w->bounds.velocity[i] / w->bounds.acceleration[i] : 0.0;
     for (int k = 0; k < w->intervals; ++k) {
-        double width = w->knot[k + 1] - w->knot[k], series[3][DPH_REACH_FINE + 1], speed = 0.0, acceleration = 0.0, time = 0.0;
+        double width = w->knot[k + 1] - w->knot[k], bend = w->slope[k + 1] - w->slope[k], b[DPH_REACH_FINE + 1];
+        double series[3][DPH_REACH_FINE + 1], excess[2] = {0.0};
         for (int i = 0; i <= DPH_REACH_FINE; ++i) {
-            const dph_reach_fine *fine = &w->fine[k][i];
-            double u = (double)i / DPH_REACH_FINE, bend = w->slope[k + 1] - w->slope[k];
-            double slope = w->slope[k] + u * bend, b = w->b[k] + width * u * (w->slope[k] + 0.5 * u * bend);
-            if (!(b > 0.0))
+            const double(*q)[3] = (const double(*)[3])w->fine[k][i];
+            double u = i / (double)DPH_REACH_FINE, slope = 0.5 * (w->slope[k] + u * bend), fastest = 0.0;
+            b[i] = w->b[k] + width * u * (w->slope[k] + 0.5 * u * bend);
+            if (!(b[i] > 0.0))
                 return 0.0;
-            double tcp = fine->ds * fine->ds * b;
-            speed = tcp > speed ? tcp : speed;
             for (int j = 0; j < 3; ++j) {
-                double v = fine->c[1][j] * ratio[j];
-                speed = v * v * b > speed ? v * v * b : speed;
-                series[j][i] = fine->c[0][j] * b + fine->c[1][j] * slope;
+                double v = q[0][j] * bounds->velocity[j];
+                fastest = v * v > fastest ? v * v : fastest;
+                series[j][i] = bounds->acceleration[j] * (q[1][j] * b[i] + q[0][j] * slope);
             }
-            if (i % 3 == 0)
-                time += (i == 3 ? 4.0 : 1.0) / sqrt(b);
+            if (bounds->tcp_speed > 0.0) {
+                double v = w->fine_ds[k][i];
+                fastest = v * v > fastest ? v * v : fastest;
+            }
+            excess[0] = fastest * b[i] > excess[0] ? fastest * b[i] : excess[0];
         }
         for (int j = 0; j < 3; ++j) {
             double peak = peak_of(series[j]);
-            acceleration = peak > acceleration ? peak : acceleration;
+            excess[1] = peak > excess[1] ? peak : excess[1];
         }
-        *duration += width * time / 6.0;
-        w->tighten[k][0] = speed > 1.0 ? speed : 1.0;
-        w->tighten[k][1] = acceleration > 1.0 ? acceleration : 1.0;
-        stretch2 = speed > stretch2 ? speed : stretch2;
-        stretch2 = acceleration > stretch2 ? acceleration : stretch2;
+        *duration += width * (1.0 / sqrt(b[0]) + 4.0 / sqrt(b[DPH_REACH_FINE / 2]) + 1.0 / sqrt(b[DPH_REACH_FINE])) / 6.0;
+        for (int i = 0; i < 2; ++i) {
+            w->tighten[k][i] = excess[i] > 1.0 ? excess[i] : 1.0;
+            stretch2 = excess[i] > stretch2 ? excess[i] : stretch2;
+        }
     }
-    double stretch = stretch2 > 1.0 ? sqrt(stretch2) : 1.0;
-    *duration *= stretch;
-    return stretch;
+    *duration *= sqrt(stretch2);
+    return sqrt(stretch2);
 }
 
 static void tighten(dph_workspace *w)
@@ -392,7 +395,7 @@ dph_verdict dph_reachability(const dph_plan *plan, dph_workspace *w, double *str
     for (int round = 0; round < 3; ++round) {
         double duration;
         solve(w);
-        *stretch = dph_reachability_verify(w, &duration);
+        *stretch = verify(w, &duration);
 #ifdef TRACE
         printf("%d: %.6f %.4f\n", round, *stretch, 1e3 * duration);
 #endif

@@ -130,9 +130,9 @@ static Cubic cubic_of(const dph_plan *plan, int piece, double *width)
 static double slowness(double u, const void *context)
 {
     const Cubic *cubic = context;
-    double b[3];
-    dph_hermite(cubic->value, cubic->slope, u, b);
-    return 1.0 / sqrt(b[0]);
+    double r = 1.0 - u; /* as dph_hermite */
+    return 1.0 / sqrt(cubic->value[0] * r * r * (1.0 + 2.0 * u) + cubic->value[1] * u * u * (3.0 - 2.0 * u) + cubic->slope[0] * u * r * r -
+                      cubic->slope[1] * u * u * r);
 }
 
 static void keep(const dph_workspace *w, double stretch, dph_plan *plan)

@@ -44,15 +44,11 @@ typedef struct dph_node {
     dph_row row[DPH_ROWS];
 } dph_node;
 
-/* A point as reachability.c sees it, over the limits: speed of each joint by sqrt(b), acceleration by b and b'. */
+/* A point as reachability.c sees it. */
 typedef struct dph_reach_point {
-    double speed[3], c[2][3];
+    double q[2][3];    /* q', q'' of each joint: [order - 1][joint] [rad] */
     double ds, length; /* ds/dx [m]; arc length from the nearer end [m] */
 } dph_reach_point;
-
-typedef struct dph_reach_fine {
-    double c[2][3], ds; /* ds/dx over the limit of the tcp speed */
-} dph_reach_fine;
 
 struct dph_workspace {
     dph_bounds bounds;
@@ -69,7 +65,8 @@ struct dph_workspace {
     dph_node node[DPH_PIECES][DPH_NODES];
     /* reachability.c */
     dph_reach_point reach[DPH_PIECES + 1][2];            /* at the knots and in the middles */
-    dph_reach_fine fine[DPH_PIECES][DPH_REACH_FINE + 1]; /* where the limits are verified */
+    double fine[DPH_PIECES][DPH_REACH_FINE + 1][2][3];   /* q', q'' where the limits are verified */
+    double fine_ds[DPH_PIECES][DPH_REACH_FINE + 1];      /* ds/dx there, over the limit of the tcp speed */
     double row[DPH_PIECES][2][3];                        /* at the knots, of each joint's acceleration by b and b' */
     double bend[DPH_PIECES][3], cap[DPH_PIECES];         /* by b in the middles; greatest b there */
     double matrix[DPH_UNKNOWNS][4];                  /* lower band: [i][k] is element (i, i - k) */
