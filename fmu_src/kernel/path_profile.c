@@ -162,7 +162,7 @@ void dph_knots_lay(const dph_plan *plan, const dph_shares *shares, int intervals
 /* ---- Start ------------------------------------------------------------------------------------------------------------------------ */
 
 /* Boole's rule on the five nodes of an interval. */
-const double dph_boole[DPH_NODES] = {7.0 / 90.0, 32.0 / 90.0, 12.0 / 90.0, 32.0 / 90.0, 7.0 / 90.0};
+static const double quadrature[DPH_NODES] = {7.0 / 90.0, 32.0 / 90.0, 12.0 / 90.0, 32.0 / 90.0, 7.0 / 90.0};
 
 static void lay_nodes(const dph_plan *plan, dph_workspace *w)
 {
@@ -193,7 +193,7 @@ static void lay_nodes(const dph_plan *plan, dph_workspace *w)
              * In between, jerk is constrained in the middle; at all nodes where the path begins and ends, and b'' is not seen there. */
             int repeats = j == DPH_NODES - 1 && !last, with_jerk = j % 2 == 0 || k == 0 || last, first = repeats ? node->rows[0] : 0;
             node->cap = repeats ? 0.0 : dph_inverse_cap(&w->bounds, point);
-            node->weight = dph_boole[j] * width;
+            node->weight = quadrature[j] * width;
             for (int i = first; i < node->rows[0] + node->rows[1]; ++i) {
                 dph_row *row = &node->row[i - first];
                 row->c[0] = c[i][0];
@@ -269,7 +269,6 @@ void dph_profile_make(const dph_plan *plan, dph_workspace *w)
     dph_shares shares;
     density(w, &shares);
     dph_knots_lay(plan, &shares, INTERVALS, least_intervals, w);
-    w->parts = DPH_FINE;
     lay_nodes(plan, w);
 
     /* The crude profile has corners, which jerk does not like: of several degrees of smoothing the fastest; a constant b always works. */

@@ -8,7 +8,6 @@
  * constrained at the knot, where it is exact; in between, where b and b' are means of those of two legs, an error of second order is left.
  * What it amounts to is measured, the constraints are tightened by it, and the passes are run again. */
 #include <math.h>
-#include <stdio.h>
 #include <string.h>
 
 #include "delta_arms.h"
@@ -25,27 +24,35 @@ static const double rise = 2.0;
 
 /* ---- Geometry --------------------------------------------------------------------------------------------------------------------- */
 
-/* The joint range as the direction of its middle and the cosine of its half; a hair less, for rounding. */
-typedef struct Range {
-    double middle[2], cosine;
-} Range;
+/* What has been seen of the path: can the robot follow it? */
+typedef struct Survey {
+    double middle[2], cosine; /* joint range: direction of its middle, cosine of its half */
+    int reached, in_range;
+    double least_dexterity, widest, before; /* greatest distance of two points, arc length of the last one [m] */
+} Survey;
 
-static Range range_of(const dph_robot *robot)
+/* All points lie this far inside the joint range [rad]: more than a joint can do beyond two points 0.1 m apart, 0.1^2 / 8 times its second
+ * derivative by arc length, which is below 8 rad/m^2 at dexterities of 0.3 and more. */
+static const double margin = 0.01;
+
+static void survey_begin(const dph_robot *robot, Survey *survey)
 {
-    double middle = 0.5 * (robot->joint_position_min + robot->joint_position_max);
-    Range range = {{cos(middle), sin(middle)}, cos(robot->joint_position_max - middle) + 1e-9};
-    return range;
+    double middle = 0.5 * (robot->joint_position_min + robot->joint_position_max), half = robot->joint_position_max - middle - margin;
+    Survey begin = {{cos(middle), sin(middle)}, half > 0.0 ? cos(half) : 2.0, 1, 1, HUGE_VAL, 0.0, 0.0};
+    *survey = begin;
 }
 
-/* Points this far apart at most are checked [m]: plan.c says why. */
-static const double spacing = 0.01;
-
-/* Of a point of the path: what its joints do, or a refusal. */
-static dph_verdict point_at(const dph_plan *plan, const Range *range, int segment, double x,
-                            dph_corner_walk *walk, dph_reach_point *point)
+/* No doubt about the path? Distances as in dph_path_check: with the dexterity that is left twice as great, twice as far and twice as slow. */
+static int is_clear(const Survey *survey)
 {
-    double planar[3][2], d[3][3];
-    dph_path_walk(plan, segment, x, walk, planar, &point->ds, &point->length);
+    double d = survey->least_dexterity;
+    return survey->reached && survey->in_range && survey->widest <= 0.1 && survey->widest <= 0.01 * (d * d) / (0.1 * 0.1);
+}
+
+static void point_at(const dph_plan *plan, int segment, double x, dph_corner_walk *walk, Survey *survey, dph_reach_point *point)
+{
+    double planar[3][2], d[3][3], arc;
+    dph_path_walk(plan, segment, x, walk, planar, &point->ds, &arc);
     const double *origin = segment >= 3 ? plan->task.place : plan->task.pick;
     for (int order = 0; order < 3; ++order) {
         d[order][0] = planar[order][0] * plan->direction[0];
@@ -55,55 +62,58 @@ static dph_verdict point_at(const dph_plan *plan, const Range *range, int segmen
     for (int i = 0; i < 3; ++i)
         d[0][i] += origin[i];
     dph_rates rates;
-    int fine = dph_rates_at(&plan->robot, d[0], d[1], d[2], &rates) && rates.dexterity > 2.0 * dph_least_dexterity;
-    for (int i = 0; i < 3; ++i)
-        fine &= rates.direction[i][0] * range->middle[0] + rates.direction[i][1] * range->middle[1] > range->cosine;
-    memcpy(point->q, rates.q, sizeof point->q);
-    return fine ? dph_accept() : dph_pose_check(&plan->robot, d[0], dph_segment_phase[segment]);
-}
-
-/* Points of the path between two that are far apart. */
-static dph_verdict check_between(const dph_plan *plan, int segment, double from, double to)
-{
-    int parts = (int)(fabs(to - from) / spacing) + 1;
-    for (int i = 1; i < parts; ++i) {
-        double d[4][2], point[3];
-        const double *origin = segment >= 3 ? plan->task.place : plan->task.pick;
-        dph_path_at(plan, segment, from + (to - from) * i / parts, d);
-        for (int k = 0; k < 2; ++k)
-            point[k] = origin[k] + d[0][0] * plan->direction[k];
-        point[2] = origin[2] + d[0][1];
-        dph_verdict verdict = dph_pose_check(&plan->robot, point, dph_segment_phase[segment]);
-        if (verdict.status != DPH_STATUS_OK)
-            return verdict;
+    if (!dph_rates_at(&plan->robot, d[0], d[1], d[2], &rates)) {
+        survey->reached = 0;
+        return;
     }
-    return dph_accept();
+    memcpy(point->q, rates.q, sizeof point->q);
+    for (int i = 0; i < 3; ++i)
+        survey->in_range &= rates.direction[i][0] * survey->middle[0] + rates.direction[i][1] * survey->middle[1] > survey->cosine;
+    survey->least_dexterity = rates.dexterity < survey->least_dexterity ? rates.dexterity : survey->least_dexterity;
+    arc = segment >= 3 ? plan->length - arc : arc;
+    survey->widest = arc - survey->before > survey->widest ? arc - survey->before : survey->widest;
+    survey->before = arc;
 }
 
-/* Points at the knots and, where wanted, in the middle of each interval. */
-static dph_verdict lay_points(const dph_plan *plan, dph_workspace *w, int middles)
+/* In the middle of an interval, from its ends: q' by the cubic with its values and slopes, q'' its derivative. */
+static void middle_between(const dph_reach_point *a, const dph_reach_point *b, double width, dph_reach_point *middle)
 {
-    Range range = range_of(&plan->robot);
+    for (int i = 0; i < 3; ++i) {
+        middle->q[0][i] = 0.5 * (a->q[0][i] + b->q[0][i]) + 0.125 * width * (a->q[1][i] - b->q[1][i]);
+        middle->q[1][i] = 1.5 * (b->q[0][i] - a->q[0][i]) / width - 0.25 * (a->q[1][i] + b->q[1][i]);
+    }
+}
+
+static int is_corner(int segment)
+{
+    return segment == 1 || segment == 4;
+}
+
+/* Points at the knots, and in the middles of the intervals. Where they need not be exact, and on straights, where they are to some 1e-6 of
+ * the limits, these follow from the knots. */
+static void lay_points(const dph_plan *plan, dph_workspace *w, int exact, Survey *survey)
+{
     dph_corner_walk walk = {0.0};
-    dph_verdict verdict = dph_accept();
-    for (int k = 0; k <= w->intervals && verdict.status == DPH_STATUS_OK; ++k) {
-        int last = k == w->intervals, segment = w->segment[last ? k - 1 : k];
+    survey->before = 0.0;
+    for (int k = 0; k < w->intervals; ++k) {
+        int segment = w->segment[k];
         if (k > 0 && w->segment[k - 1] != segment)
             memset(&walk, 0, sizeof walk);
-        verdict = point_at(plan, &range, segment, last ? 1.0 : w->inner[k], &walk, &w->reach[k][0]);
-        if (middles && !last && verdict.status == DPH_STATUS_OK)
-            verdict = point_at(plan, &range, segment, 0.5 * (w->knot[k] + w->knot[k + 1]), &walk, &w->reach[k][1]);
+        point_at(plan, segment, w->inner[k], &walk, survey, &w->reach[k][0]);
+        if (exact && is_corner(segment))
+            point_at(plan, segment, 0.5 * (w->knot[k] + w->knot[k + 1]), &walk, survey, &w->reach[k][1]);
     }
-    for (int k = 0; middles && k < w->intervals && verdict.status == DPH_STATUS_OK; ++k) {
-        int place = w->segment[k] >= 3;
-        double from = w->reach[k][0].length, middle = w->reach[k][1].length, to = w->reach[k + 1][0].length;
-        if (place != (w->segment[k + 1 < w->intervals ? k + 1 : k] >= 3))
-            to = plan->length - to;
-        verdict = check_between(plan, w->segment[k], from, middle);
-        if (verdict.status == DPH_STATUS_OK)
-            verdict = check_between(plan, w->segment[k], middle, to);
+    int n = w->intervals;
+    point_at(plan, w->segment[n - 1], 1.0, &walk, survey, &w->reach[n][0]);
+    for (int k = 0; k < n; ++k) {
+        double width = w->knot[k + 1] - w->knot[k];
+        if (!exact || !is_corner(w->segment[k])) {
+            double y[4];
+            dph_parameter_at(0.5 * (w->knot[k] + w->knot[k + 1]), y);
+            w->reach[k][1].ds = plan->length * y[1];
+            middle_between(&w->reach[k][0], &w->reach[k + 1][0], width, &w->reach[k][1]);
+        }
     }
-    return verdict;
 }
 
 /* ---- The two passes --------------------------------------------------------------------------------------------------------------- */
@@ -119,17 +129,16 @@ static double inverse_cap(const dph_bounds *bounds, const dph_reach_point *point
 }
 
 /* What the points say to the passes: rows at the knots, in the middles greatest b by velocity, and where b' does not count, by acceleration. */
-static void lay_rows(dph_workspace *w, int middles)
+static void lay_rows(dph_workspace *w)
 {
     for (int k = 0; k < w->intervals; ++k) {
-        const dph_reach_point *here = &w->reach[k][0], *next = &w->reach[k + 1][0], *middle = middles ? &w->reach[k][1] : 0;
-        w->cap[k] = middles ? 1.0 / inverse_cap(&w->bounds, middle)
-                            : 2.0 / (inverse_cap(&w->bounds, here) + inverse_cap(&w->bounds, next));
+        const dph_reach_point *here = &w->reach[k][0], *middle = &w->reach[k][1];
+        w->cap[k] = 1.0 / inverse_cap(&w->bounds, middle);
         for (int i = 0; i < 3; ++i) {
             double inverse = w->bounds.acceleration[i];
             w->row[k][0][i] = inverse * here->q[1][i];
             w->row[k][1][i] = inverse * 0.5 * here->q[0][i];
-            w->bend[k][i] = inverse * fabs(middles ? middle->q[1][i] : 0.5 * (here->q[1][i] + next->q[1][i]));
+            w->bend[k][i] = inverse * fabs(middle->q[1][i]);
         }
     }
 }
@@ -379,29 +388,31 @@ static void tighten(dph_workspace *w)
 dph_verdict dph_reachability(const dph_plan *plan, dph_workspace *w, double *stretch)
 {
     dph_shares shares = {1, {0.0, 1.0}, {0.0, 1.0}};
-    dph_knots_lay(plan, &shares, 0, coarse_intervals, w);
-    dph_verdict verdict = lay_points(plan, w, 0);
-    if (verdict.status != DPH_STATUS_OK)
-        return verdict;
-    lay_rows(w, 0);
-    solve(w);
-    shares_of(w, &shares);
-    dph_knots_lay(plan, &shares, INTERVALS, least_intervals, w);
-    verdict = lay_points(plan, w, 1);
-    if (verdict.status != DPH_STATUS_OK)
-        return verdict;
-    lay_rows(w, 1);
+    Survey survey;
+    survey_begin(&plan->robot, &survey);
+    *stretch = 0.0;
+    for (int fine = 0; fine < 2; ++fine) {
+        dph_knots_lay(plan, &shares, fine ? INTERVALS : 0, fine ? least_intervals : coarse_intervals, w);
+        lay_points(plan, w, fine, &survey);
+        if (!survey.reached || (fine && !is_clear(&survey))) {
+            dph_verdict verdict = dph_path_check(plan);
+            if (verdict.status != DPH_STATUS_OK || !survey.reached)
+                return verdict;
+        }
+        lay_rows(w);
+        if (!fine) {
+            solve(w);
+            shares_of(w, &shares);
+        }
+    }
     lay_fine(plan, w);
     for (int round = 0; round < 3; ++round) {
         double duration;
         solve(w);
         *stretch = verify(w, &duration);
-#ifdef TRACE
-        printf("%d: %.6f %.4f\n", round, *stretch, 1e3 * duration);
-#endif
         if (!(*stretch > 1.0005))
             break;
         tighten(w);
     }
-    return verdict;
+    return dph_accept();
 }

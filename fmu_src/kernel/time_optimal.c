@@ -4,8 +4,6 @@
 #include "time_optimal.h"
 
 #include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "laws.h"
@@ -29,12 +27,12 @@ int dph_workspace_size(void)
 /* ---- Verification ----------------------------------------------------------------------------------------------------------------- */
 
 /* Greatest absolute value of a smooth function by its samples and the tops of the parabolas through any three neighbours. */
-static double peak_of(const double f[], int parts)
+static double peak_of(const double f[DPH_FINE + 1])
 {
     double peak = 0.0;
-    for (int i = 0; i <= parts; ++i)
+    for (int i = 0; i <= DPH_FINE; ++i)
         peak = fabs(f[i]) > peak ? fabs(f[i]) : peak;
-    for (int i = 1; i < parts; ++i) {
+    for (int i = 1; i < DPH_FINE; ++i) {
         double sign = f[i] < 0.0 ? -1.0 : 1.0, here = sign * f[i], rise = sign * (f[i + 1] - f[i - 1]);
         double bend = 2.0 * here - sign * (f[i + 1] + f[i - 1]);
         if (fabs(rise) <= 2.0 * bend) { /* the top is between the outer two */
@@ -52,9 +50,9 @@ static int excess_of(const dph_workspace *w, int k, double excess[3])
     double width = w->knot[k + 1] - w->knot[k], slope[2] = {width * w->slope[k], width * w->slope[k + 1]};
     double series[1 + DPH_ROWS][DPH_FINE + 1];
     int count[2] = {0, 0};
-    for (int i = 0; i <= w->parts; ++i) {
+    for (int i = 0; i <= DPH_FINE; ++i) {
         double v[3], c[DPH_ROWS][3], offset[DPH_ROWS];
-        dph_hermite(&w->b[k], slope, (double)i / w->parts, v);
+        dph_hermite(&w->b[k], slope, (double)i / DPH_FINE, v);
         if (!(v[0] > 0.0))
             return 0;
         v[1] /= width;
@@ -68,10 +66,10 @@ static int excess_of(const dph_workspace *w, int k, double excess[3])
             series[1 + row][i] = row >= count[0] ? x * root : x / (1.0 - (x > 0.0 ? offset[row] : -offset[row]));
         }
     }
-    excess[0] = peak_of(series[0], w->parts);
+    excess[0] = peak_of(series[0]);
     excess[1] = excess[2] = 0.0;
     for (int row = 0; row < count[0] + count[1]; ++row) {
-        double peak = peak_of(series[1 + row], w->parts), *greatest = &excess[row < count[0] ? 1 : 2];
+        double peak = peak_of(series[1 + row]), *greatest = &excess[row < count[0] ? 1 : 2];
         *greatest = peak > *greatest ? peak : *greatest;
     }
     return 1;
@@ -130,9 +128,9 @@ static Cubic cubic_of(const dph_plan *plan, int piece, double *width)
 static double slowness(double u, const void *context)
 {
     const Cubic *cubic = context;
-    double r = 1.0 - u; /* as dph_hermite */
-    return 1.0 / sqrt(cubic->value[0] * r * r * (1.0 + 2.0 * u) + cubic->value[1] * u * u * (3.0 - 2.0 * u) + cubic->slope[0] * u * r * r -
-                      cubic->slope[1] * u * u * r);
+    double b[3];
+    dph_hermite(cubic->value, cubic->slope, u, b);
+    return 1.0 / sqrt(b[0]);
 }
 
 static void keep(const dph_workspace *w, double stretch, dph_plan *plan)
@@ -170,7 +168,7 @@ static double remember(dph_workspace *w, Motion *best)
         double width = w->knot[k + 1] - w->knot[k];
         Cubic cubic = {{w->b[k], w->b[k + 1]}, {width * w->slope[k], width * w->slope[k + 1]}};
         for (int j = 0; j < DPH_NODES; ++j)
-            duration += stretch * width * dph_boole[j] * slowness(0.25 * j, &cubic);
+            duration += stretch * w->unit * w->node[k][j].weight * slowness(0.25 * j, &cubic);
     }
     if (stretch > 0.0 && duration < best->duration) {
         memcpy(best->b, w->b, sizeof best->b);
@@ -186,18 +184,8 @@ dph_verdict dph_time_optimal_make(dph_workspace *w, dph_plan *plan)
     dph_verdict verdict = dph_path_make(plan);
     if (verdict.status == DPH_STATUS_OK)
         verdict = dph_limits_make(&plan->task.limits, &w->bounds);
-    if (verdict.status != DPH_STATUS_OK)
-        return verdict;
-    if (!getenv("NOFAST") && !w->bounds.has_jerk && !w->bounds.has_torque) {
-        double stretch;
-        verdict = dph_reachability(plan, w, &stretch);
-        if (verdict.status != DPH_STATUS_OK || stretch > 0.0) {
-            if (verdict.status == DPH_STATUS_OK)
-                keep(w, stretch * unseen, plan);
-            return verdict;
-        }
-    }
-    verdict = dph_path_check(plan);
+    if (verdict.status == DPH_STATUS_OK)
+        verdict = dph_path_check(plan);
     if (verdict.status == DPH_STATUS_OK)
         verdict = dph_path_gravity_check(plan, &w->bounds);
     if (verdict.status != DPH_STATUS_OK)

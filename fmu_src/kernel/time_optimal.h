@@ -6,7 +6,7 @@
  * and T = int b^-1/2 dx is to be least.
  *
  * workspace.h: the memory. path_limits.c: what the limits say along the path. path_profile.c: a crude b, knots, start of the solver.
- * interior_point.c: the solver. time_optimal.c: the law. */
+ * interior_point.c: the solver. reachability.c: the solver where only velocity and acceleration are limited. time_optimal.c: the law. */
 #ifndef DELTAPH_TIME_OPTIMAL_H
 #define DELTAPH_TIME_OPTIMAL_H
 
@@ -43,9 +43,6 @@ void dph_profile_make(const dph_plan *plan, dph_workspace *w);
 /* Shrink b to strict feasibility at the nodes by one factor. Returned: the duration then [s]; infinite where there is none. */
 double dph_profile_fit(dph_workspace *w);
 
-/* Boole's rule on the five nodes of an interval. */
-extern const double dph_boole[DPH_NODES];
-
 /* How many of the knots, as a share, lie up to points of the path: rising from 0 to 1 at x from 0 to 1, linear in between. */
 typedef struct dph_shares {
     int intervals;
@@ -57,6 +54,9 @@ void dph_knots_lay(const dph_plan *plan, const dph_shares *shares, int intervals
 
 /* ---- reachability.c ------------------------------------------------------------------------------------------------------------------ */
 
+/* Limits of velocity and acceleration only: knots, b and b' in the workspace, on a path that dph_path_check has not seen.
+ * Returned: OK, or the refusal of dph_path_check; the factor by which time has to be stretched to keep the limits, 0 where no motion was
+ * found. Cost: some 150 points of the path, three passes to and fro. */
 dph_verdict dph_reachability(const dph_plan *plan, dph_workspace *w, double *stretch);
 
 /* ---- interior_point.c ------------------------------------------------------------------------------------------------------------- */

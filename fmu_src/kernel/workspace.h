@@ -47,13 +47,12 @@ typedef struct dph_node {
 /* A point as reachability.c sees it. */
 typedef struct dph_reach_point {
     double q[2][3];    /* q', q'' of each joint: [order - 1][joint] [rad] */
-    double ds, length; /* ds/dx [m]; arc length from the nearer end [m] */
+    double ds;         /* ds/dx [m] */
 } dph_reach_point;
 
 struct dph_workspace {
     dph_bounds bounds;
     int intervals;
-    int parts; /* of an interval on which the limits are verified, at most DPH_FINE */
     int segment[DPH_PIECES];
     double knot[DPH_PIECES + 1];
     double inner[DPH_PIECES];                        /* where an interval's first point is seen: its knot, but inside its segment */
