@@ -67,7 +67,8 @@ class Recorder:
     def take(self, frame: Frame) -> None:
         """Take a frame of a run."""
         if frame.step >= self._end:
-            self._write_frames()
+            if self._destination.due():
+                self._write_frames()
             self._end = self._next_end(frame.step)
         self._frames.append(frame)
 
@@ -81,7 +82,8 @@ class Recorder:
         if record["sequence"] >= self._end:
             newest = min(int(messages[-1]["sequence"]) if messages else -1 for messages in self._messages.values())
             if newest >= self._end:  # all of the chunk is here: messages come in order, an event after the frame it is seen in
-                self._write_messages(self._end)
+                if self._destination.due():
+                    self._write_messages(self._end)
                 self._end = self._next_end(newest)
 
     def _next_end(self, step: int) -> int:

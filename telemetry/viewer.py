@@ -50,7 +50,16 @@ def start_viewer(options: Sequence[str] = ()) -> StartedViewer:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     url = f"rerun+http://127.0.0.1:{port}/proxy"
-    command = [rerun_binary(), "--bind", "127.0.0.1", "--port", str(port), "--hide-welcome-screen", "--expect-data-soon", *options]
+    command = [
+        str(rerun_binary()),
+        "--bind",
+        "127.0.0.1",
+        "--port",
+        str(port),
+        "--hide-welcome-screen",
+        "--expect-data-soon",
+        *options,
+    ]
     with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as complaints:  # a pipe would end with this process
         environment = {**os.environ, "RUST_LOG": "error"}
         viewer = subprocess.Popen(command, stderr=complaints, stdout=subprocess.DEVNULL, env=environment, start_new_session=True)
