@@ -322,53 +322,87 @@ static void lay_fine(const dph_plan *plan, dph_workspace *w)
     }
 }
 
-static double peak_of(const double f[DPH_REACH_FINE + 1])
+/* Where between 0 and DPH_REACH_FINE the parabola through a sample and its neighbours is greatest; -1 where that is not between the
+ * neighbours. */
+static double top_of(const double f[], int i)
 {
-    double peak = 0.0;
-    for (int i = 0; i <= DPH_REACH_FINE; ++i)
-        peak = fabs(f[i]) > peak ? fabs(f[i]) : peak;
-    if (peak < 0.97)
-        return peak;
-    for (int i = 1; i < DPH_REACH_FINE; ++i) {
-        double sign = f[i] < 0.0 ? -1.0 : 1.0, here = sign * f[i], gain = sign * (f[i + 1] - f[i - 1]);
-        double bend = 2.0 * here - sign * (f[i + 1] + f[i - 1]);
-        if (fabs(gain) <= 2.0 * bend) {
-            double top = here + gain * gain / (8.0 * bend);
-            peak = top > peak ? top : peak;
-        }
-    }
-    return peak;
+    double sign = f[i] < 0.0 ? -1.0 : 1.0, gain = sign * (f[i + 1] - f[i - 1]), bend = sign * (2.0 * f[i] - f[i + 1] - f[i - 1]);
+    return fabs(gain) <= 2.0 * bend && bend > 0.0 ? i + 0.5 * gain / bend : -1.0;
 }
 
-/* As stretch_of in time_optimal.c. */
+/* b and b' at u in an interval. */
+static inline void spline_at(const dph_workspace *w, int k, double u, double v[2])
+{
+    double width = w->knot[k + 1] - w->knot[k], bend = w->slope[k + 1] - w->slope[k];
+    v[0] = w->b[k] + width * u * (w->slope[k] + 0.5 * u * bend);
+    v[1] = w->slope[k] + u * bend;
+}
+
+/* What joint j has over its limits at u in an interval: square of velocity, acceleration. */
+static void ratios_at(const dph_workspace *w, int k, int j, double u, double ratio[2])
+{
+    int behind = u > 0.5;
+    const dph_reach_point *a = &w->reach[k][behind], *b = behind ? &w->reach[k + 1][0] : &w->reach[k][1];
+    double h = 0.5 * (w->knot[k + 1] - w->knot[k]), t = 2.0 * u - behind, value[2] = {a->q[0][j], b->q[0][j]}, q[3], v[2];
+    const double slope[2] = {h * a->q[1][j], h * b->q[1][j]};
+    dph_hermite(value, slope, t, q);
+    spline_at(w, k, u, v);
+    double speed = q[0] * w->bounds.velocity[j];
+    ratio[0] = speed * speed * v[0];
+    ratio[1] = fabs(w->bounds.acceleration[j] * (q[1] / h * v[0] + 0.5 * q[0] * v[1]));
+}
+
+/* How far b goes beyond the limits in an interval, as in time_optimal.c: at the samples, and at the tops of parabolas through them. Returns 0
+ * where b is not positive. */
+static int excess_of(const dph_workspace *w, int k, double excess[2])
+{
+    static const double near = 0.97; /* no parabola through three samples below rises above 1 */
+    const dph_bounds *bounds = &w->bounds;
+    double series[3][2][DPH_REACH_FINE + 1];
+    excess[0] = excess[1] = 0.0;
+    for (int i = 0; i <= DPH_REACH_FINE; ++i) {
+        const double(*q)[3] = (const double(*)[3])w->fine[k][i];
+        double v[2];
+        spline_at(w, k, i / (double)DPH_REACH_FINE, v);
+        if (!(v[0] > 0.0))
+            return 0;
+        for (int j = 0; j < 3; ++j) {
+            double speed = q[0][j] * bounds->velocity[j];
+            series[j][0][i] = speed * speed * v[0];
+            series[j][1][i] = bounds->acceleration[j] * (q[1][j] * v[0] + 0.5 * q[0][j] * v[1]);
+        }
+        if (bounds->tcp_speed > 0.0) {
+            double speed = w->fine_ds[k][i];
+            excess[0] = speed * speed * v[0] > excess[0] ? speed * speed * v[0] : excess[0];
+        }
+    }
+    for (int j = 0; j < 3; ++j)
+        for (int what = 0; what < 2; ++what) {
+            const double *f = series[j][what];
+            double peak = 0.0;
+            for (int i = 0; i <= DPH_REACH_FINE; ++i)
+                peak = fabs(f[i]) > peak ? fabs(f[i]) : peak;
+            for (int i = 1; i < DPH_REACH_FINE && peak > near; ++i) {
+                double top = top_of(f, i), ratio[2];
+                if (top >= 0.0 && fabs(f[i]) > near) {
+                    ratios_at(w, k, j, top / DPH_REACH_FINE, ratio);
+                    peak = ratio[what] > peak ? ratio[what] : peak;
+                }
+            }
+            excess[what] = peak > excess[what] ? peak : excess[what];
+        }
+    return 1;
+}
+
+/* The factor by which time has to be stretched to keep all limits, at least 1; 0 where b is not positive. Found besides: by how much each
+ * interval goes beyond its limits. */
 static double verify(dph_workspace *w)
 {
-    const dph_bounds *bounds = &w->bounds;
     double stretch2 = 1.0;
     for (int k = 0; k < w->intervals; ++k) {
-        double width = w->knot[k + 1] - w->knot[k], bend = w->slope[k + 1] - w->slope[k];
-        double series[3][DPH_REACH_FINE + 1], excess[2] = {0.0};
-        for (int i = 0; i <= DPH_REACH_FINE; ++i) {
-            const double(*q)[3] = (const double(*)[3])w->fine[k][i];
-            double u = i / (double)DPH_REACH_FINE, slope = 0.5 * (w->slope[k] + u * bend), fastest = 0.0;
-            double b = w->b[k] + width * u * (w->slope[k] + 0.5 * u * bend);
-            if (!(b > 0.0))
-                return 0.0;
-            for (int j = 0; j < 3; ++j) {
-                double v = q[0][j] * bounds->velocity[j];
-                fastest = v * v > fastest ? v * v : fastest;
-                series[j][i] = bounds->acceleration[j] * (q[1][j] * b + q[0][j] * slope);
-            }
-            if (bounds->tcp_speed > 0.0) {
-                double v = w->fine_ds[k][i];
-                fastest = v * v > fastest ? v * v : fastest;
-            }
-            excess[0] = fastest * b > excess[0] ? fastest * b : excess[0];
-        }
-        for (int j = 0; j < 3; ++j) {
-            double peak = peak_of(series[j]);
-            excess[1] = peak > excess[1] ? peak : excess[1];
-        }
+        double excess[2];
+        if (!excess_of(w, k, excess))
+            return 0.0;
         for (int i = 0; i < 2; ++i) {
             w->tighten[k][i] = excess[i] > 1.0 ? excess[i] : 1.0;
             stretch2 = excess[i] > stretch2 ? excess[i] : stretch2;
