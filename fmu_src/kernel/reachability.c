@@ -292,31 +292,53 @@ static void shares_of(const dph_workspace *w, dph_shares *shares)
 
 /* ---- Verification ----------------------------------------------------------------------------------------------------------------- */
 
-/* A third and two thirds of the way between two points h apart: q' by the cubic with its values and slopes, q'' its derivative. */
-static void thirds(const dph_reach_point *a, const dph_reach_point *b, double h, double q[2][2][3])
+/* What three points, with values and slopes, weigh in the quintic through them and in its slope; t from -1 to 1 between the outer two. */
+static void weights_at(double t, double value[6], double slope[6])
 {
-    double inverse = 1.0 / h;
+    const double l[3] = {0.5 * t * (t - 1.0), 1.0 - t * t, 0.5 * t * (t + 1.0)}, l1[3] = {t - 0.5, -2.0 * t, t + 0.5};
+    static const double c[3] = {3.0, 0.0, -3.0};
     for (int i = 0; i < 3; ++i) {
-        double gain = b->q[0][i] - a->q[0][i], low = h * a->q[1][i], high = h * b->q[1][i];
-        q[0][0][i] = a->q[0][i] + (7.0 * gain + 4.0 * low - 2.0 * high) / 27.0;
-        q[1][0][i] = b->q[0][i] - (7.0 * gain + 4.0 * high - 2.0 * low) / 27.0;
-        q[0][1][i] = inverse * (4.0 * gain - high) / 3.0;
-        q[1][1][i] = inverse * (4.0 * gain - low) / 3.0;
+        double from = t - (i - 1), a = 1.0 + c[i] * from;
+        value[i] = a * l[i] * l[i];
+        slope[i] = c[i] * l[i] * l[i] + 2.0 * a * l[i] * l1[i];
+        value[3 + i] = from * l[i] * l[i];
+        slope[3 + i] = l[i] * l[i] + 2.0 * from * l[i] * l1[i];
     }
+}
+
+/* q' of joint j at both ends and in the middle of an interval, then its slopes by t. */
+static void joint_of(const dph_workspace *w, int k, int j, double q[6])
+{
+    const dph_reach_point *point[3] = {&w->reach[k][0], &w->reach[k][1], &w->reach[k + 1][0]};
+    double half = 0.5 * (w->knot[k + 1] - w->knot[k]);
+    for (int i = 0; i < 3; ++i) {
+        q[i] = point[i]->q[0][j];
+        q[3 + i] = half * point[i]->q[1][j];
+    }
+}
+
+static double weighted(const double weight[6], const double q[6])
+{
+    return weight[0] * q[0] + weight[1] * q[1] + weight[2] * q[2] + weight[3] * q[3] + weight[4] * q[4] + weight[5] * q[5];
 }
 
 static void lay_fine(const dph_plan *plan, dph_workspace *w)
 {
+    double value[DPH_REACH_FINE + 1][6], slope[DPH_REACH_FINE + 1][6];
+    for (int i = 0; i <= DPH_REACH_FINE; ++i)
+        weights_at(2.0 * i / DPH_REACH_FINE - 1.0, value[i], slope[i]);
     for (int k = 0; k < w->intervals; ++k) {
-        double h = 0.5 * (w->knot[k + 1] - w->knot[k]), (*q)[2][3] = w->fine[k];
-        memcpy(q[0], w->reach[k][0].q, sizeof *q);
-        thirds(&w->reach[k][0], &w->reach[k][1], h, &q[1]);
-        memcpy(q[3], w->reach[k][1].q, sizeof *q);
-        thirds(&w->reach[k][1], &w->reach[k + 1][0], h, &q[4]);
-        memcpy(q[6], w->reach[k + 1][0].q, sizeof *q);
+        double width = w->knot[k + 1] - w->knot[k], inverse = 2.0 / width, q[6];
+        for (int j = 0; j < 3; ++j) {
+            joint_of(w, k, j, q);
+            for (int i = 0; i <= DPH_REACH_FINE; ++i) {
+                w->fine[k][i][0][j] = weighted(value[i], q);
+                w->fine[k][i][1][j] = inverse * weighted(slope[i], q);
+            }
+        }
         for (int i = 0; i <= DPH_REACH_FINE && w->bounds.tcp_speed > 0.0; ++i) {
             double y[4];
-            dph_parameter_at(w->knot[k] + h * i / 3.0, y);
+            dph_parameter_at(w->knot[k] + width * i / DPH_REACH_FINE, y);
             w->fine_ds[k][i] = plan->length * y[1] * w->bounds.tcp_speed;
         }
     }
@@ -341,15 +363,14 @@ static inline void spline_at(const dph_workspace *w, int k, double u, double v[2
 /* What joint j has over its limits at u in an interval: square of velocity, acceleration. */
 static void ratios_at(const dph_workspace *w, int k, int j, double u, double ratio[2])
 {
-    int behind = u > 0.5;
-    const dph_reach_point *a = &w->reach[k][behind], *b = behind ? &w->reach[k + 1][0] : &w->reach[k][1];
-    double h = 0.5 * (w->knot[k + 1] - w->knot[k]), t = 2.0 * u - behind, value[2] = {a->q[0][j], b->q[0][j]}, q[3], v[2];
-    const double slope[2] = {h * a->q[1][j], h * b->q[1][j]};
-    dph_hermite(value, slope, t, q);
+    double value[6], slope[6], q[6], v[2];
+    weights_at(2.0 * u - 1.0, value, slope);
+    joint_of(w, k, j, q);
     spline_at(w, k, u, v);
-    double speed = q[0] * w->bounds.velocity[j];
+    double first = weighted(value, q), second = 2.0 / (w->knot[k + 1] - w->knot[k]) * weighted(slope, q);
+    double speed = first * w->bounds.velocity[j];
     ratio[0] = speed * speed * v[0];
-    ratio[1] = fabs(w->bounds.acceleration[j] * (q[1] / h * v[0] + 0.5 * q[0] * v[1]));
+    ratio[1] = fabs(w->bounds.acceleration[j] * (second * v[0] + 0.5 * first * v[1]));
 }
 
 /* How far b goes beyond the limits in an interval, as in time_optimal.c: at the samples, and at the tops of parabolas through them. Returns 0
