@@ -14,20 +14,20 @@
 #include "time_optimal.h"
 
 /* Intervals of a first, coarse b, in each segment of a side; of the final one about so many, at least so many in each segment. */
-enum { INTERVALS = 56 };
-static const int coarse_intervals[3] = {7, 12, 7}, least_intervals[3] = {3, 8, 3};
+enum { INTERVALS = 54 };
+static const int coarse_intervals[3] = {7, 12, 7}, least_intervals[3] = {3, 12, 3};
 
 /* First vertex over second one and second over third, and the same from the other end: at rest q' = q'' = 0, and nothing bounds them.
  * Constant acceleration from rest is b ~ 1/x. */
 static const double rise = 2.0;
 
 /* Repairs at most, and a stretch that is worth none. */
-enum { REPAIRS = 2 };
+enum { REPAIRS = 3 };
 static const double enough = 1.0005;
 
 /* What the parabolas of the verification may have missed, as a ratio of velocities: found to be below 8e-4 for acceleration, its square;
  * half of it is made good here. */
-static const double unseen = 1.0002;
+static const double unseen = 1.0003;
 
 /* ---- Geometry --------------------------------------------------------------------------------------------------------------------- */
 
@@ -432,11 +432,16 @@ static double verify(dph_workspace *w)
     return sqrt(stretch2);
 }
 
-static void tighten(dph_workspace *w)
+/* Give the intervals that went beyond their limits tighter ones, also at both their knots. Where that has been done before and did not do,
+ * the acceleration comes from what is between them: then also a lower vertex. */
+static void tighten(dph_workspace *w, int again)
 {
     for (int k = 0; k < w->intervals; ++k) {
         double own = w->tighten[k][1], before = w->tighten[k > 0 ? k - 1 : k][1], ratio = own > before ? own : before;
+        double vertex = w->b[k] + 0.5 * (w->knot[k + 1] - w->knot[k]) * w->slope[k];
         w->cap[k] /= w->tighten[k][0];
+        if (again && own > 1.0)
+            w->cap[k] = least_of(w->cap[k], vertex / own);
         for (int i = 0; i < 3; ++i) {
             w->row[k][0][i] *= ratio;
             w->row[k][1][i] *= ratio;
@@ -469,6 +474,6 @@ double dph_reachability(const dph_plan *plan, dph_workspace *w, int *is_clear)
         double stretch = verify(w);
         if (!(stretch > enough) || repair == REPAIRS)
             return stretch * unseen;
-        tighten(w);
+        tighten(w, repair > 0);
     }
 }
