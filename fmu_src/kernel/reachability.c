@@ -15,11 +15,11 @@
 
 /* Intervals of a first, coarse b, in each segment of a side; of the final one about so many, at least so many in each segment. */
 enum { INTERVALS = 54 };
-static const int coarse_intervals[3] = {7, 12, 7}, least_intervals[3] = {3, 12, 3};
+static const int coarse_intervals[3] = {7, 12, 7}, least_intervals[3] = {3, 13, 3};
 
 /* First vertex over second one and second over third, and the same from the other end: at rest q' = q'' = 0, and nothing bounds them.
  * Constant acceleration from rest is b ~ 1/x. */
-static const double rise = 2.0;
+static const double rise = 2.2;
 
 /* Repairs at most, and a stretch that is worth none. */
 enum { REPAIRS = 3 };

@@ -22,8 +22,10 @@ PAPERS_PEAKS = limits_of(4.4227, 241.365, 29965.0)
 
 
 def random_tasks(count: int, seed: int = 1) -> Iterator[Task]:
-    """Both ends uniform in a disc of 0.35 m, at least 50 mm apart, in any direction; on either side its own lift, 20 to 80 mm, so that
-    pick and place lie at different heights, and its own deviation, 1 to 8 mm as far as it fits."""
+    """Both ends uniform in a disc of 0.35 m, at least 50 mm apart, in any direction, and at different heights.
+
+    Either side has its own lift, 20 to 80 mm, and its own deviation, 1 to 8 mm as far as it fits.
+    """
     random = np.random.default_rng(seed)
     while count > 0:
         angle, radius = random.uniform(0.0, 2.0 * np.pi, 2), 0.35 * np.sqrt(random.uniform(0.0, 1.0, 2))

@@ -43,8 +43,10 @@ WITHOUT_JERK = replace(PAPERS_PEAKS, joint_jerk=(math.inf,) * 3)
 
 
 def ratios_within_pieces(plan: Plan, limits: Limits, parts: int = 60) -> tuple[float, float]:
-    """Greatest joint velocity and acceleration over their limits on the nominal clock, at so many points within each piece: ten times
-    as many as the law looks at."""
+    """Greatest joint velocity and acceleration over their limits on the nominal clock.
+
+    They are sampled at so many points within each piece: ten times as many as the law looks at.
+    """
     ends = np.array(list(plan._struct.boundary)[: plan._struct.pieces + 1]) / plan.speed_factor
     s = plan.sample((ends[:-1, None] + np.diff(ends)[:, None] * (np.arange(parts) + 0.5) / parts).ravel())
     velocity, acceleration = (
