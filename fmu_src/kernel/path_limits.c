@@ -13,7 +13,7 @@ static const double none = 1e30;
 static const double least = 1e-12;
 
 /* Greatest dx/dt [1/s], where no other limit holds the ends: no PPO is done in less than 5 ms. */
-const double dph_least_inverse_cap = 1.0 / (200.0 * 200.0);
+static const double fastest = 200.0;
 
 static dph_verdict invert(double limit, double *inverse, int *finite)
 {
@@ -47,6 +47,8 @@ static dph_verdict limits_make(const dph_limits *limits, dph_bounds *bounds)
     }
     if (!has_velocity && !has_acceleration && !has_tcp && !bounds->has_jerk && !bounds->has_torque)
         return dph_refuse(DPH_STATUS_NO_LIMIT, DPH_PHASE_IDLE, 0, 1.0, 0.0);
+    int all_jerk = bounds->jerk[0] > 0.0 && bounds->jerk[1] > 0.0 && bounds->jerk[2] > 0.0;
+    bounds->least_inverse_cap = all_jerk ? 0.0 : 1.0 / (fastest * fastest);
     return dph_accept();
 }
 
@@ -141,7 +143,7 @@ dph_verdict dph_path_lay(dph_plan *plan, dph_bounds *bounds, dph_laying *laying,
 
 double dph_inverse_cap(const dph_bounds *bounds, const dph_path_point *point)
 {
-    double speed = point->ds * bounds->tcp_speed, cap = speed * speed, floor = dph_least_inverse_cap;
+    double speed = point->ds * bounds->tcp_speed, cap = speed * speed, floor = bounds->least_inverse_cap;
     for (int i = 0; i < 3; ++i) {
         double v = point->q[0][i] * bounds->velocity[i];
         cap = v * v > cap ? v * v : cap;

@@ -128,7 +128,7 @@ static void lay_points(const dph_plan *plan, dph_workspace *w, int exact, Survey
 
 static double inverse_cap(const dph_bounds *bounds, const dph_reach_point *point)
 {
-    double tcp = point->ds * bounds->tcp_speed, cap = tcp * tcp > dph_least_inverse_cap ? tcp * tcp : dph_least_inverse_cap;
+    double tcp = point->ds * bounds->tcp_speed, cap = tcp * tcp > bounds->least_inverse_cap ? tcp * tcp : bounds->least_inverse_cap;
     for (int i = 0; i < 3; ++i) {
         double v = point->q[0][i] * bounds->velocity[i];
         cap = v * v > cap ? v * v : cap;

@@ -25,9 +25,6 @@ dph_verdict dph_path_lay(dph_plan *plan, dph_bounds *bounds, dph_laying *laying,
  * where a torque is limited. */
 void dph_path_point_at(const dph_plan *plan, const dph_bounds *bounds, int segment, double x, dph_path_point *point);
 
-/* 1 / greatest b of all [s^2]. */
-extern const double dph_least_inverse_cap;
-
 /* Greatest b by velocity limits, inverted [s^2]. */
 double dph_inverse_cap(const dph_bounds *bounds, const dph_path_point *point);
 

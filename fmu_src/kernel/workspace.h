@@ -17,6 +17,7 @@ enum {
 /* Limits as the solver wants them: inverted, 0 where there is none. */
 typedef struct dph_bounds {
     double velocity[3], acceleration[3], jerk[3], torque[3], tcp_speed;
+    double least_inverse_cap; /* of b, where nothing else bounds it [s^2] */
     int has_torque, has_jerk;
 } dph_bounds;
 
