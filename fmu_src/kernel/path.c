@@ -252,12 +252,13 @@ dph_verdict dph_pose_check(const dph_robot *robot, const double point[3], dph_ph
     verdict.phase = phase;
     if (verdict.status != DPH_STATUS_OK)
         return verdict;
+    double theta[3];
+    dph_pose_angles(&pose, theta);
     for (int i = 0; i < 3; ++i) {
-        double theta = atan2(pose.direction[i][1], pose.direction[i][0]);
-        if (theta < robot->joint_position_min)
-            return dph_refuse(DPH_STATUS_JOINT_RANGE, phase, i + 1, theta, robot->joint_position_min);
-        if (theta > robot->joint_position_max)
-            return dph_refuse(DPH_STATUS_JOINT_RANGE, phase, i + 1, theta, robot->joint_position_max);
+        if (theta[i] < robot->joint_position_min)
+            return dph_refuse(DPH_STATUS_JOINT_RANGE, phase, i + 1, theta[i], robot->joint_position_min);
+        if (theta[i] > robot->joint_position_max)
+            return dph_refuse(DPH_STATUS_JOINT_RANGE, phase, i + 1, theta[i], robot->joint_position_max);
     }
     double dexterity = dph_pose_dexterity(robot, &pose);
     if (!(dexterity >= least_dexterity))

@@ -137,8 +137,7 @@ static dph_verdict joints_at(const dph_robot *robot, double payload, dph_setpoin
                     setpoint->joint_jerk);
     memcpy(motion.point_dd, setpoint->tcp_acceleration, sizeof motion.point_dd);
     dph_pose_dynamics(robot, &pose, payload, &motion);
-    for (int i = 0; i < 3; ++i)
-        setpoint->joint_position[i] = atan2(pose.direction[i][1], pose.direction[i][0]);
+    dph_pose_angles(&pose, setpoint->joint_position);
     memcpy(setpoint->joint_velocity, motion.theta_d, sizeof motion.theta_d);
     memcpy(setpoint->joint_acceleration, motion.theta_dd, sizeof motion.theta_dd);
     memcpy(setpoint->joint_torque, motion.torque, sizeof motion.torque);
