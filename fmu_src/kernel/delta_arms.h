@@ -43,8 +43,10 @@ void dph_pose_angles(const dph_pose *pose, double theta[3]);
 /* The forearm vectors s_i of a pose in the base frame [m]. */
 void dph_pose_forearms(const dph_pose *pose, double s[3][3]);
 
-/* As dph_dexterity, dph_joint_motion and dph_inverse_dynamics, from a pose: no trigonometric function. */
-double dph_pose_dexterity(const dph_robot *robot, const dph_pose *pose);
+/* The two kinds of dexterity apart: |s_i . E'_i| / (La l) of each joint, |det A| / l^3. */
+void dph_pose_dexterities(const dph_robot *robot, const dph_pose *pose, double aligned[3], double *coplanar);
+
+/* As dph_joint_motion and dph_inverse_dynamics, from a pose: no trigonometric function. */
 void dph_pose_motion(const dph_pose *pose, const double velocity[3], const double acceleration[3], const double jerk[3],
                      double joint_velocity[3], double joint_acceleration[3], double joint_jerk[3]);
 void dph_pose_dynamics(const dph_robot *robot, const dph_pose *pose, double payload, dph_motion *motion);

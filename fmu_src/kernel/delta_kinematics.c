@@ -168,21 +168,23 @@ int dph_forward_kinematics(const dph_robot *robot, const double theta[3], double
     return platform_below(robot, arm, point);
 }
 
-double dph_pose_dexterity(const dph_robot *robot, const dph_pose *pose)
+void dph_pose_dexterities(const dph_robot *robot, const dph_pose *pose, double aligned[3], double *coplanar)
 {
-    double s[3][3], normal[3], least = HUGE_VAL, forearm = robot->forearm_length;
+    double s[3][3], normal[3], forearm = robot->forearm_length;
     for (int i = 0; i < 3; ++i)
-        least = fmin(least, fabs(pose->limb[i].across) / forearm);
+        aligned[i] = fabs(pose->limb[i].across) / forearm;
     dph_pose_forearms(pose, s);
     cross(s[1], s[2], normal);
-    return fmin(least, fabs(dot(s[0], normal)) / (forearm * forearm * forearm));
+    *coplanar = fabs(dot(s[0], normal)) / (forearm * forearm * forearm);
 }
 
 double dph_dexterity(const dph_robot *robot, const double theta[3], const double point[3])
 {
     dph_pose pose;
+    double aligned[3], coplanar;
     dph_pose_from(robot, theta, point, &pose);
-    return dph_pose_dexterity(robot, &pose);
+    dph_pose_dexterities(robot, &pose, aligned, &coplanar);
+    return fmin(fmin(aligned[0], aligned[1]), fmin(aligned[2], coplanar));
 }
 
 double dph_closure_residual(const dph_robot *robot, const double theta[3], const double point[3])

@@ -16,9 +16,6 @@ typedef struct dph_planar {
 dph_verdict dph_refuse(dph_status status, dph_phase phase, int joint, double required, double available);
 dph_verdict dph_accept(void);
 
-/* Can the robot be at a point (3) [m]: reach, joint range, dexterity. */
-dph_verdict dph_pose_check(const dph_robot *robot, const double point[3], dph_phase phase);
-
 /* Fill in pieces, boundaries, lengths and deviations of a plan whose task is finite and positive and whose direction and traverse are
  * known; or refuse. */
 dph_verdict dph_paper_make(dph_plan *plan);
@@ -33,6 +30,9 @@ void dph_paper_move(dph_plan *plan);
 void dph_paper_at(const dph_plan *plan, int piece, double t, dph_planar *motion);
 void dph_superposition_at(const dph_plan *plan, int piece, double t, dph_planar *motion);
 void dph_time_optimal_at(const dph_plan *plan, int piece, double t, dph_planar *motion);
+
+/* dph_superposition_at without arc length. */
+void dph_superposition_motion(const dph_plan *plan, int piece, double t, dph_planar *motion);
 
 /* Setpoint at an aligned time as seen from within one piece. */
 void dph_plan_sample_piece(const dph_plan *plan, int piece, double time, dph_setpoint *setpoint);

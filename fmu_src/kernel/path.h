@@ -13,7 +13,9 @@ extern const dph_phase dph_segment_phase[SEGMENTS];
  * segment_arc, length, corner_deviation; or refuse. */
 dph_verdict dph_path_make(dph_plan *plan);
 
-/* Points of the path, without motion: as dph_plan_make refuses them. Cost: a pose per 2.5 mm. */
+/* Can the robot follow a path that is laid (path_check.c)? Of the comparison law, whose path comes with its motion: once that is made.
+ * Fails: UNREACHABLE, JOINT_RANGE or SINGULAR, with the phase. Cost: a pose wherever the last one vouches for no more of the path; some ten
+ * in the middle of the workspace, at most a million. */
 dph_verdict dph_path_check(const dph_plan *plan);
 
 /* The path at an arc length from its nearer end, the pick point for segments 0 to 2, the place point for segments 3 to 5.

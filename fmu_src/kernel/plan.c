@@ -144,28 +144,6 @@ static dph_verdict joints_at(const dph_robot *robot, double payload, dph_setpoin
     return verdict;
 }
 
-/* Points 2.5 mm apart on average and never 10 mm. With a dexterity of at least 0.1 at its ends no such interval can hide a singularity:
- * 5 mm turn a joint by at most 5 mm / (0.1 * upper arm length), which changes the dexterity by less than it is. */
-static dph_verdict path_check(const dph_plan *plan)
-{
-    static const double spacing = 2.5e-3, most_intervals = 1e6;
-    for (int piece = 0; piece < plan->pieces; ++piece) {
-        double length = plan->arc_boundary[piece + 1] - plan->arc_boundary[piece];
-        int intervals = 4 + (int)fmin(length / spacing, most_intervals); /* also where the length has overflowed to no number */
-        double begin = plan->boundary[piece], step = (plan->boundary[piece + 1] - begin) / intervals;
-        if (!(plan->boundary[piece + 1] > begin))
-            continue; /* a phase that this path does not have */
-        for (int i = 0; i <= intervals; ++i) {
-            dph_setpoint setpoint;
-            tcp_at(plan, piece, (begin + step * i) / plan->speed_factor, &setpoint);
-            dph_verdict verdict = dph_pose_check(&plan->robot, setpoint.tcp_position, plan->phase[piece]);
-            if (verdict.status != DPH_STATUS_OK)
-                return verdict;
-        }
-    }
-    return dph_accept();
-}
-
 static dph_verdict law_make(dph_workspace *workspace, dph_plan *plan)
 {
     switch (plan->task.law) {
@@ -206,13 +184,14 @@ dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_work
     if (!(plan->nominal_duration <= longest))
         return dph_refuse(DPH_STATUS_TOO_SLOW, DPH_PHASE_IDLE, 0, plan->nominal_duration, longest);
     align(plan);
-    return task->law == DPH_LAW_TIME_OPTIMAL ? verdict : path_check(plan);
+    /* The laws within limits have done so before their search. */
+    return task->law == DPH_LAW_PAPER || task->law == DPH_LAW_COMPARISON ? dph_path_check(plan) : verdict;
 }
 
 void dph_plan_sample_piece(const dph_plan *plan, int piece, double time, dph_setpoint *setpoint)
 {
     tcp_at(plan, piece, time, setpoint);
-    (void)joints_at(&plan->robot, plan->task.payload, setpoint); /* cannot fail: path_check */
+    (void)joints_at(&plan->robot, plan->task.payload, setpoint); /* cannot fail: dph_path_check */
 }
 
 void dph_plan_sample(const dph_plan *plan, double time, dph_setpoint *setpoint)
@@ -244,7 +223,7 @@ void dph_plan_sample_at_rate(const dph_plan *plan, double time, const double rat
         setpoint->tcp_acceleration[i] = a * r * r + v * rate[1];
         setpoint->tcp_jerk[i] = j * r * r * r + 3.0 * a * r * rate[1] + v * rate[2];
     }
-    (void)joints_at(&plan->robot, plan->task.payload, setpoint); /* cannot fail: path_check */
+    (void)joints_at(&plan->robot, plan->task.payload, setpoint); /* cannot fail: dph_path_check */
 }
 
 void dph_plan_sample_array(const dph_plan *plan, int n, const double *time, dph_setpoint *setpoint)
