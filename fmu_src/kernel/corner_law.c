@@ -11,6 +11,12 @@
 /* Panel ends keep 2^-23 apart: finer is only asked for by V_N below 3e-14 V_B, where a corner takes days. */
 static const double narrowest = 1.0 / 8388608.0;
 
+/* Pieces of the quadrature between two ends of graded panels. */
+enum { PIECES = 8 };
+#ifndef ITER
+#define ITER
+#endif
+
 double dph_corner_speed(const dph_corner_law *law, double gamma)
 {
     double dip = law->entry_speed - law->mid_speed;
@@ -23,14 +29,30 @@ double dph_corner_speed(const dph_corner_law *law, double gamma)
     return law->entry_speed - 16.0 * dip * s * s;
 }
 
-/* dt / dgamma, the integrand of eq. (20). */
-static double slowness(double gamma, const void *context)
+/* The speed's derivatives by gamma. */
+static void speed_slopes(const dph_corner_law *law, double gamma, double *first, double *second)
 {
-    const dph_corner_law *law = context;
-    return dph_corner_sigma(&law->corner, gamma) / dph_corner_speed(law, gamma);
+    double dip = law->entry_speed - law->mid_speed, s = gamma * (1.0 - gamma), s1 = 1.0 - 2.0 * gamma;
+    *first = -32.0 * dip * s * s1;
+    *second = -32.0 * dip * (s1 * s1 - 2.0 * s);
 }
 
-/* Panel ends on [0, 1/2], growing by two away from the poles of 1/v, which lie at 1/2 +- i eta/2 for V_N < V_B (eta of eq. (23)), and
+/* Integral of dt / dgamma = sigma / v, eq. (20), by Gauss-Legendre quadrature with six points on each of `pieces`. */
+static inline double time_between(const dph_corner_law *law, double from, double to, int pieces)
+{
+    double half = 0.5 * (to - from) / pieces, sum = 0.0;
+    for (int piece = 0; piece < pieces; ++piece) {
+        double centre = from + half * (2 * piece + 1);
+        for (int i = 0; i < GAUSS6_PAIRS; ++i) {
+            double left = centre - half * gauss6_node[i], right = centre + half * gauss6_node[i];
+            sum += gauss6_weight[i] * (corner_sigma(&law->corner, left) / dph_corner_speed(law, left) +
+                                       corner_sigma(&law->corner, right) / dph_corner_speed(law, right));
+        }
+    }
+    return half * sum;
+}
+
+/* Ends of panels on [0, 1/2], growing by two away from the poles of 1/v, which lie at 1/2 +- i eta/2 for V_N < V_B (eta of eq. (23)), and
  * about i c away from both ends for V_N > V_B. The width next to a pole is twice its distance. */
 static int half_panels(const dph_corner_law *law, double end[])
 {
@@ -60,15 +82,36 @@ void dph_corner_law_make(const dph_corner *corner, double entry_speed, double mi
     law->entry_speed = entry_speed;
     law->mid_speed = mid_speed;
 
-    int half = half_panels(law, law->gamma);
-    law->panels = 2 * half;
-    for (int i = 0; i < half; ++i)
+    double end[DPH_PANELS / 2 + 1];
+    int half = half_panels(law, end), parts = PIECES;
+    while (parts > 1 && 2 * half * parts > DPH_PANELS)
+        parts /= 2;
+    law->pieces = PIECES / parts;
+    law->panels = 2 * half * parts;
+    for (int i = 0; i < half * parts; ++i) {
+        double begin = end[i / parts], width = end[i / parts + 1] - begin;
+        law->gamma[i] = begin + width * (i % parts) / parts;
         law->gamma[law->panels - i] = 1.0 - law->gamma[i];
+    }
+    law->gamma[half * parts] = 0.5;
 
     law->time[0] = 0.0;
     for (int i = 0; i < law->panels; ++i)
-        law->time[i + 1] = law->time[i] + gauss_integral(slowness, law, law->gamma[i], law->gamma[i + 1]);
+        law->time[i + 1] = law->time[i] + time_between(law, law->gamma[i], law->gamma[i + 1], law->pieces);
     law->duration = law->time[law->panels];
+}
+
+/* The curve parameter `t` [s] after it was gamma, by Taylor's series to third order: dgamma/dt = v / sigma, eq. (17). */
+static inline double after(const dph_corner_law *law, double gamma, double t)
+{
+    dph_preimage preimage = preimage_at(&law->corner, gamma);
+    double sigma[3];
+    corner_sigmas(&preimage, sigma);
+    double v = dph_corner_speed(law, gamma), v1, v2;
+    speed_slopes(law, gamma, &v1, &v2);
+    double inverse = 1.0 / sigma[0], g = v * inverse, g1 = (v1 - g * sigma[1]) * inverse;
+    double g2 = (v2 - 2.0 * g1 * sigma[1] - g * sigma[2]) * inverse;
+    return gamma + t * g * (1.0 + t * (g1 / 2.0 + t * (g2 * g + g1 * g1) / 6.0));
 }
 
 double dph_corner_law_gamma(const dph_corner_law *law, double time)
@@ -86,20 +129,15 @@ double dph_corner_law_gamma(const dph_corner_law *law, double time)
             high = middle;
     }
     double left = law->gamma[low], right = law->gamma[high], width = right - left;
-    double gamma = left + width * (time - law->time[low]) / (law->time[high] - law->time[low]);
-
-    /* Newton's method, eq. (27). t(gamma) is increasing, so that a step which leaves the panel is a step too far. It converges
-     * quadratically: a step below 1e-9 of the panel leaves an error below rounding. */
+    int node = time - law->time[low] < law->time[high] - time ? low : high;
+    double from = law->gamma[node], since = time - law->time[node], gamma = after(law, from, since);
     for (int i = 0; i < 20; ++i) {
-        double residual = law->time[low] + gauss_integral(slowness, law, left, gamma) - time;
-        double step = -residual / slowness(gamma, law);
-        double next = gamma + step;
-        if (next < left)
-            next = 0.5 * (left + gamma);
-        else if (next > right)
-            next = 0.5 * (right + gamma);
-        gamma = next;
-        if (fabs(step) < 1e-9 * width)
+        if (!(gamma >= left && gamma <= right))
+            gamma = gamma < left ? left : right;
+        double before = gamma;
+        gamma = after(law, gamma, since - time_between(law, from, gamma, law->pieces));
+        ITER;
+        if (fabs(gamma - before) < 1e-3 * width / law->pieces)
             break;
     }
     return gamma;
@@ -107,9 +145,8 @@ double dph_corner_law_gamma(const dph_corner_law *law, double time)
 
 void dph_corner_law_motion(const dph_corner_law *law, double gamma, double motion[4][2], double *length)
 {
-    double dip = law->entry_speed - law->mid_speed;
-    double s = gamma * (1.0 - gamma), s1 = 1.0 - 2.0 * gamma;
-    const double speed[3] = {dph_corner_speed(law, gamma), -32.0 * dip * s * s1, -32.0 * dip * (s1 * s1 - 2.0 * s)};
+    double speed[3] = {dph_corner_speed(law, gamma)};
+    speed_slopes(law, gamma, &speed[1], &speed[2]);
     dph_corner_motion(&law->corner, gamma, speed, motion, length);
 }
 

@@ -199,7 +199,7 @@ typedef struct dph_corner_law {
     dph_corner corner;
     double entry_speed, mid_speed; /* V_B, V_N [m/s] */
     double duration;               /* T_2 [s] */
-    int panels;
+    int panels, pieces;
     double gamma[DPH_PANELS + 1];  /* panel ends */
     double time[DPH_PANELS + 1];   /* t(gamma) there [s] */
 } dph_corner_law;

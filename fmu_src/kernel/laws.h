@@ -18,9 +18,6 @@ dph_verdict dph_refuse(dph_status status, dph_phase phase, int joint, double req
 dph_verdict dph_accept(void);
 dph_verdict dph_unfinished(void);
 
-/* Can the robot be at a point (3) [m]: reach, joint range, dexterity. */
-dph_verdict dph_pose_check(const dph_robot *robot, const double point[3], dph_phase phase);
-
 /* Fill in pieces, boundaries, lengths and deviations of a plan whose task is finite and positive and whose direction and traverse are
  * known; or refuse. */
 dph_verdict dph_paper_make(dph_plan *plan);
@@ -47,6 +44,9 @@ void dph_time_optimal_at(const dph_plan *plan, int piece, double t, dph_planar *
 void dph_peaks_begin(dph_peak_search *search);
 int dph_peaks_continue(const dph_plan *plan, dph_peak_search *search, int *units);
 void dph_peaks_of(const dph_peak_search *search, dph_peaks *peaks);
+
+/* dph_superposition_at without arc length. */
+void dph_superposition_motion(const dph_plan *plan, int piece, double t, dph_planar *motion);
 
 /* Setpoint at an aligned time as seen from within one piece. */
 void dph_plan_sample_piece(const dph_plan *plan, int piece, double time, dph_setpoint *setpoint);

@@ -26,4 +26,11 @@ static inline double gauss_integral(double (*f)(double x, const void *context), 
     return half * sum;
 }
 
+/* The same with 6 points. */
+enum { GAUSS6_PAIRS = 3 };
+
+static const double gauss6_node[GAUSS6_PAIRS] = {0.23861918608319690863, 0.66120938646626451366, 0.93246951420315202781};
+
+static const double gauss6_weight[GAUSS6_PAIRS] = {0.46791393457269104739, 0.36076157304813860757, 0.17132449237917034504};
+
 #endif
