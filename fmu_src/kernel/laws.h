@@ -40,13 +40,13 @@ void dph_paper_at(const dph_plan *plan, int piece, double t, dph_planar *motion)
 void dph_superposition_at(const dph_plan *plan, int piece, double t, dph_planar *motion);
 void dph_time_optimal_at(const dph_plan *plan, int piece, double t, dph_planar *motion);
 
+/* dph_superposition_at without arc length. */
+void dph_superposition_motion(const dph_plan *plan, int piece, double t, dph_planar *motion);
+
 /* Peaks of a plan in slices: 1 once they are complete. */
 void dph_peaks_begin(dph_peak_search *search);
 int dph_peaks_continue(const dph_plan *plan, dph_peak_search *search, int *units);
 void dph_peaks_of(const dph_peak_search *search, dph_peaks *peaks);
-
-/* dph_superposition_at without arc length. */
-void dph_superposition_motion(const dph_plan *plan, int piece, double t, dph_planar *motion);
 
 /* Setpoint at an aligned time as seen from within one piece. */
 void dph_plan_sample_piece(const dph_plan *plan, int piece, double time, dph_setpoint *setpoint);

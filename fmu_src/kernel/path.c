@@ -6,7 +6,6 @@
 #include <string.h>
 
 #include "corner_law.h"
-#include "delta_arms.h"
 #include "laws.h"
 
 const dph_phase dph_segment_phase[SEGMENTS] = {DPH_PHASE_LIFT,       DPH_PHASE_PICK_CORNER,  DPH_PHASE_ACCELERATE,

@@ -13,13 +13,16 @@ extern const dph_phase dph_segment_phase[SEGMENTS];
  * segment_arc, length, corner_deviation; or refuse. */
 dph_verdict dph_path_make(dph_plan *plan);
 
+/* Where the check of a path stands: at what parameter, in which piece; zero where it begins. */
+typedef struct dph_cursor {
+    double at;
+    int piece, unused; /* fills the gap after it */
+} dph_cursor;
+
 /* Can the robot follow a path that is laid (path_check.c)? Of the comparison law, whose path comes with its motion: once that is made.
- * Given:    checked: how far it has been checked in the slices before; 0 where the check begins.
- * Returned: PLANNING where units have run out first.
- * Fails:    UNREACHABLE, JOINT_RANGE or SINGULAR, with the phase.
- * Cost:     a pose, and so a unit, wherever the last one vouches for no more of the path; some ten in the middle of the workspace, at most a
- *           million. A refusal: 64 more. */
-dph_verdict dph_path_check(const dph_plan *plan, double *checked, int *units);
+ * Fails: UNREACHABLE, JOINT_RANGE or SINGULAR, with the phase; PLANNING where units have run out first. Cost: a unit per pose, one wherever
+ * the last one vouches for no more of the path: some ten in the middle of the workspace, at most a million. */
+dph_verdict dph_path_check(const dph_plan *plan, dph_cursor *cursor, int *units);
 
 /* The path at an arc length from its nearer end, the pick point for segments 0 to 2, the place point for segments 3 to 5.
  * Returned: position, relative to that end, and derivatives by the arc length from the pick point, [order][horizontal, vertical]. */

@@ -104,29 +104,29 @@ static dph_verdict worst_from(const dph_plan *plan, const Way *way, int piece, d
     return worst;
 }
 
-dph_verdict dph_path_check(const dph_plan *plan, double *checked, int *units)
+dph_verdict dph_path_check(const dph_plan *plan, dph_cursor *cursor, int *units)
 {
     Way way = {SEGMENTS, plan->segment_arc, dph_segment_phase, 1.0, on_path};
     if (plan->task.law == DPH_LAW_COMPARISON) /* by time: it has no path before its motion */
         way = (Way){plan->pieces, plan->boundary, plan->phase, hypot(plan->task.corner_entry_speed, plan->task.traverse_speed),
                     dph_superposition_motion};
 
-    double end = way.boundary[way.pieces], at = *checked, clearance;
+    double end = way.boundary[way.pieces], clearance;
     double least = fmax(least_step * fmin(plan->robot.upper_arm_length, plan->robot.forearm_length) / way.speed, least_share * end);
-    int piece = 0;
-    while (at < end) {
-        if (--*units < 0)
+    for (; cursor->at < end; --*units) {
+        if (*units <= 0)
             return dph_unfinished();
-        while (at >= way.boundary[piece + 1])
-            ++piece;
-        dph_verdict verdict = point_check(plan, &way, piece, at, &clearance);
+        while (cursor->at >= way.boundary[cursor->piece + 1])
+            ++cursor->piece;
+        dph_verdict verdict = point_check(plan, &way, cursor->piece, cursor->at, &clearance);
         if (verdict.status != DPH_STATUS_OK)
-            return worst_from(plan, &way, piece, at, verdict);
-        *checked = at += fmax(clearance / way.speed, least);
+            return worst_from(plan, &way, cursor->piece, cursor->at, verdict);
+        cursor->at += fmax(clearance / way.speed, least);
     }
-    /* The last piece that this path has. */
-    for (piece = way.pieces - 1; piece > 0 && !(way.boundary[piece] < end);)
-        --piece;
-    dph_verdict verdict = point_check(plan, &way, piece, end, &clearance);
+    /* The end itself, in the last piece that this path has. */
+    int last = way.pieces - 1;
+    while (last > 0 && !(way.boundary[last] < end))
+        --last;
+    dph_verdict verdict = point_check(plan, &way, last, end, &clearance);
     return verdict.status == DPH_STATUS_OK ? dph_accept() : verdict;
 }

@@ -128,7 +128,7 @@ dph_verdict dph_path_lay(dph_plan *plan, dph_bounds *bounds, dph_laying *laying,
         laying->is_laid = 1;
     }
     if (verdict.status == DPH_STATUS_OK)
-        verdict = dph_path_check(plan, &laying->checked, units);
+        verdict = dph_path_check(plan, &laying->cursor, units);
     if (verdict.status == DPH_STATUS_OK) {
         *units -= GRAVITY_UNITS;
         verdict = gravity_check(plan, bounds);

@@ -194,7 +194,7 @@ static dph_verdict law_continue(dph_progress *progress, dph_workspace *workspace
     return dph_refuse(DPH_STATUS_INVALID_VALUE, DPH_PHASE_IDLE, 0, 0.0, plan->task.law);
 }
 
-/* The law, the clock, and whether the robot can follow the path; the laws within limits have checked that on their way. */
+/* The law, the clock, and whether the robot can follow; the laws within limits have asked that before their search. */
 static dph_verdict proceed(dph_progress *progress, dph_workspace *workspace, dph_plan *plan, int units)
 {
     if (!progress->has_law) {
@@ -208,8 +208,9 @@ static dph_verdict proceed(dph_progress *progress, dph_workspace *workspace, dph
         align(plan);
         progress->has_law = 1;
     }
-    int is_checked = plan->task.law == DPH_LAW_PAPER_LIMITED || plan->task.law == DPH_LAW_TIME_OPTIMAL;
-    return is_checked ? dph_accept() : dph_path_check(plan, &progress->checked, &units);
+    if (plan->task.law == DPH_LAW_PAPER_LIMITED || plan->task.law == DPH_LAW_TIME_OPTIMAL)
+        return dph_accept();
+    return dph_path_check(plan, &progress->cursor, &units);
 }
 
 dph_verdict dph_plan_begin(const dph_robot *robot, const dph_task *task, dph_workspace *workspace, dph_plan *plan)
@@ -234,7 +235,7 @@ dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_work
 void dph_plan_sample_piece(const dph_plan *plan, int piece, double time, dph_setpoint *setpoint)
 {
     tcp_at(plan, piece, time, setpoint);
-    (void)joints_at(&plan->robot, plan->task.payload, setpoint); /* cannot fail: dph_path_check */
+    (void)joints_at(&plan->robot, plan->task.payload, setpoint); /* cannot fail: the path is checked */
 }
 
 void dph_plan_sample(const dph_plan *plan, double time, dph_setpoint *setpoint)
@@ -268,7 +269,7 @@ void dph_plan_sample_at_rate(const dph_plan *plan, double time, const double rat
         setpoint->tcp_acceleration[i] = a * r * r + v * rate[1];
         setpoint->tcp_jerk[i] = j * r * r * r + 3.0 * a * r * rate[1] + v * rate[2];
     }
-    (void)joints_at(&plan->robot, plan->task.payload, setpoint); /* cannot fail: dph_path_check */
+    (void)joints_at(&plan->robot, plan->task.payload, setpoint); /* cannot fail: the path is checked */
 }
 
 void dph_plan_sample_array(const dph_plan *plan, int n, const double *time, dph_setpoint *setpoint)

@@ -46,7 +46,7 @@ typedef struct dph_node {
 /* Where the laying of a path within limits stands (path_limits.c); zero where it begins. */
 typedef struct dph_laying {
     int is_laid, unused;
-    double checked; /* of dph_path_check */
+    dph_cursor cursor;
 } dph_laying;
 
 /* Peaks of a plan (peaks.c). Channels: four of three joints each, then tcp speed and acceleration. */
@@ -77,7 +77,7 @@ typedef struct dph_search {
 /* Where planning stands. */
 typedef struct dph_progress {
     int has_law, unused;
-    double checked; /* of dph_path_check */
+    dph_cursor cursor;
     dph_search search;
 } dph_progress;
 
