@@ -91,7 +91,7 @@ def main() -> None:
             runs = [run(planner, scenario, duration_ms) for _ in range(REPETITIONS)]
             times, planned = np.min([times for times, _ in runs], axis=0), runs[0][1]
             figures = [np.percentile(some, p) for some in (times[~planned], times[planned]) for p in (50.0, 99.9, 100.0)]
-            figures.append(planned.sum() / (WAYS - 1))
+            figures.append(planned.sum() / WAYS)
             print(f"{name:16s}" + "".join(f"{figure:{width}.1f}" for figure, width in zip(figures, WIDTHS, strict=True)))
 
 
