@@ -1,9 +1,10 @@
 """A new target at any time: every accepted request runs, exactly when it should, and what the planner emits is what its plans say.
 
-What should be emitted comes from the rule alone: a request takes one slice of planning in each millisecond from that of the request on;
-its PPO starts where the one before has arrived and it is planned; a request is refused as long as the one before has not begun.
+What should be emitted comes from the rule alone: a request takes one slice of planning in each millisecond, beginning with that of the
+request; its PPO starts once the one before has arrived and it is planned; a request is refused while the one before has not begun.
 """
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -195,4 +196,4 @@ def test_ten_targets_are_reached_back_to_back(slave: FmiSlave) -> None:
     expected = check(slave, OPTIMAL, 1, [Request(20, n % 4, 25) for n in range(120)])
     plans = expected.plans
     assert len(plans) > 10
-    assert all(later.start_ms == former.end_ms for former, later in zip(plans, plans[1:], strict=False))
+    assert all(later.start_ms == former.end_ms for former, later in itertools.pairwise(plans))
