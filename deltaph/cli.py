@@ -321,23 +321,30 @@ def paper(
 
     Example: deltaph paper -o paper.rrd && deltaph view paper.rrd
     """
-    from deltaph.paper import print_claims, section_4
+    from deltaph.claims import print_claims
+    from deltaph.paper import section_4
 
     check_writable(output, json_file)
     with Console(stderr=True).status("planning and co-simulating both methods"):
         facts = section_4(output)
     _write_json(json_file, facts)
-    print_claims(_tables(json_file), facts["claims"])
+    print_claims(_tables(json_file), facts["claims"], "The paper's section 4")
     Console(stderr=True).print(f"wrote {output}: open it with `deltaph view {output}`", style="dim", soft_wrap=True)
 
 
 @app.command()
 def bench() -> None:
-    """The benchmarks of the README: planning, stepping, co-simulating the paper's case, and the peers that are installed."""
+    """The benchmarks of the README: planning, stepping, co-simulating the paper's case, peers, the paper's claims on its cost."""
+    from dataclasses import asdict
+
     from deltaph.bench import run_benchmarks
+    from deltaph.claims import print_claims
+    from deltaph.cost import cost_claims
     from deltaph.scenario import parse_scenario, template
 
-    run_benchmarks(parse_scenario(template(), Path("paper.toml")), Console(highlight=False))
+    console, scenario = Console(highlight=False), parse_scenario(template(), Path("paper.toml"))
+    run_benchmarks(scenario, console)
+    print_claims(console, [asdict(claim) for claim in cost_claims(scenario)], "What the paper says of its cost")
 
 
 @app.command()

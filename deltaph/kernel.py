@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ ffi.cdef(_declarations())
 lib: Any = ffi.dlopen(str(_library()))
 
 
+@cache
 def enumeration(name: str) -> tuple[str, ...]:
     """The items of a kernel enumeration in order, without their common prefix, in lower case; `name` such as `dph_phase`."""
     prefix = f"{name.upper()}_"
