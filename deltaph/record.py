@@ -13,7 +13,7 @@ from deltaph.errors import DeltaphError
 from deltaph.scenario import scenario_from_json
 from deltaph.scene import corner_marks, scene_of
 from deltaph.telemetry import CellKeys, Recorder, Subscriber
-from deltaph.verdict import summary_markdown
+from deltaph.verdict import serving_markdown, summary_markdown
 
 
 def record_cell(cell: str, connect: Sequence[str], output: Path, log: Console) -> None:
@@ -42,7 +42,10 @@ def record_cell(cell: str, connect: Sequence[str], output: Path, log: Console) -
             log.print("interrupted: the recording ends here", style="dim", soft_wrap=True)
         if subscriber.summary is not None:
             facts = subscriber.summary
-            recorder.summary(summary_markdown(scenario, facts), json.dumps(facts), corner_marks(facts, scene))
+            if "commands" in facts:  # of a cell that served
+                recorder.summary(serving_markdown(scenario, facts), json.dumps(facts))
+            else:
+                recorder.summary(summary_markdown(scenario, facts), json.dumps(facts), corner_marks(facts, scene))
     lost = sum(subscriber.missing.values())
     received = subscriber.received["actual"]
     log.print(

@@ -63,6 +63,11 @@ class Recorder:
         self._open_stream: rr.RecordingStream | None = None
         _check_writable(path)
 
+    @property
+    def scene(self) -> Scene:
+        """What was known before the run."""
+        return self._scene
+
     def take(self, frame: Frame) -> None:
         """Take a frame of a run."""
         self._frames.append(frame)

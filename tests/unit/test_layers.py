@@ -19,8 +19,9 @@ ORDER = [
     {"checks"},
     {"report", "scene"},
     {"verdict"},
+    {"tally"},
     {"run", "record", "bench", "compare", "export", "soak_peer"},
-    {"paper", "soak"},
+    {"paper", "serve", "soak"},
     {"cli"},
     {"__main__"},
 ]
@@ -47,7 +48,7 @@ def test_python_layers() -> None:
         module = path.relative_to(ROOT / "deltaph").parts[0].removesuffix(".py")
         for imported in imports(path) - {module, "telemetry"}:
             assert level[imported] <= level[module], f"{path.name} imports {imported}, which is above it"
-        if module not in {"run", "record", "scene", "compare", "export", "paper", "soak_peer", "cli"}:
+        if module not in {"run", "record", "scene", "compare", "export", "paper", "serve", "soak_peer", "cli"}:
             assert "telemetry" not in imports(path), f"{path.name} knows telemetry"
 
 
