@@ -159,7 +159,7 @@ class Frames(Sequence[Frame]):
         if what == "time":
             return self._time[: self._length]
         if what == "commands":
-            return np.broadcast_to(NO_COMMANDS, (self._length, *NO_COMMANDS.shape))  # type: ignore[return-value]
+            return np.broadcast_to(NO_COMMANDS, (self._length, *NO_COMMANDS.shape))
         return self._views[what][: self._length]  # type: ignore[return-value]
 
     def __len__(self) -> int:

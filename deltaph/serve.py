@@ -19,7 +19,7 @@ from rich.console import Console
 from deltaph.checks import deviation_tolerance
 from deltaph.errors import InfeasibleError
 from deltaph.fmu import cached_fmus
-from deltaph.frame import COMMANDS, OUTCOMES, Command, RecentFrames
+from deltaph.frame import COMMANDS, OUTCOMES, Command, Outcome, RecentFrames
 from deltaph.importer import attend, task_inputs
 from deltaph.kernel import status_sentence
 from deltaph.pacing import Undisturbed
@@ -311,7 +311,7 @@ class Attendant:
         facts = RefusedPlan(
             status=error.status, phase=error.phase, joint=error.joint, required=error.required, available=error.available
         )
-        outcome = "busy" if error.status == "busy" else "infeasible"
+        outcome: Outcome = "busy" if error.status == "busy" else "infeasible"
         return Reply(command="ppo", accepted=False, outcome=outcome, time=at, reason=str(error), refused=facts)
 
 
