@@ -196,7 +196,8 @@ class Attendant:
         waits = self._moving
         start = self._end if waits else (step - 1) * self._size
         nominal = (step - 1) * self._size - self._nominal_from >= FEED_SETTLED
-        start = start if nominal else None
+        if not nominal or self._scenario.communication_step_ms > 1:  # a longer step may be over before it begins
+            start = None
         self._end = None if start is None else start + _whole_ms(job.dwell) + outputs["plan.duration"]
         planned = outputs["plan.corner_deviation_pick"], outputs["plan.corner_deviation_place"]
         vertices = np.array([job.task.pick, job.task.place])

@@ -1,6 +1,6 @@
 """Telemetry: messages over Zenoh, and recordings. It sees frames and variable tables only.
 
-`Recorder` is imported when it is asked for: Rerun takes a second to import.
+`Recorder` and `Destination` are imported when they are asked for: Rerun takes a second to import.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from deltaph.telemetry.session import DEFAULT_ENDPOINT, open_router_session
 from deltaph.telemetry.subscriber import Message, Subscriber
 
 if TYPE_CHECKING:
+    from deltaph.telemetry.destination import Destination
     from deltaph.telemetry.recording import Recorder
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "CellKeys",
     "CommandClient",
     "CommandService",
+    "Destination",
     "EventKind",
     "FeedFacts",
     "Layout",
@@ -52,4 +54,8 @@ def __getattr__(name: str) -> Any:
         from deltaph.telemetry.recording import Recorder
 
         return Recorder
+    if name == "Destination":
+        from deltaph.telemetry.destination import Destination
+
+        return Destination
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

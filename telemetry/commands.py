@@ -86,7 +86,9 @@ class PlanFacts(_Model):
     corner_deviation_pick: float = Field(description="[m]")
     corner_deviation_place: float = Field(description="[m]")
     waits: bool = Field(description="another one runs before it")
-    start_time: float | None = Field(description="simulation time at which it begins [s]; null where that depends on the feed")
+    start_time: float | None = Field(
+        description="simulation time at which it begins [s]; null where that depends on the feed, or communication steps exceed 1 ms"
+    )
 
 
 class RefusedPlan(_Model):

@@ -18,6 +18,7 @@ from integration.serving_cell import CELL, DEADLINE, DELTAPH, Serving, ask, foll
 
 from deltaph.errors import EnvironmentProblem, InfeasibleError
 from deltaph.execution import nearest_point
+from deltaph.kernel import status_sentence
 from deltaph.plan import Plan
 from deltaph.scenario import Task, parse_scenario, template
 from deltaph.telemetry import EVENT_KINDS, CommandClient, PpoRequest, Reply, Subscriber, layout
@@ -90,7 +91,7 @@ def test_one_waits_and_begins_when_the_first_arrives_and_a_third_is_busy(shared:
         assert first.plan.start_time is None and second.plan.start_time is None  # which depends on the feed
         assert (third.accepted, third.outcome) == (False, "busy")
         assert third.refused is not None and third.refused.status == "busy"
-        assert third.reason == "busy: a PPO is running and another one is waiting already"
+        assert third.reason == status_sentence("busy", 0.0, 0.0)
         client.feed(1.0)
         found.wait_for_arrival(second)
         found.wait_for_time(found.time + 1.1)
