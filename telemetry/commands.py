@@ -87,7 +87,7 @@ class PlanFacts(_Model):
     corner_deviation_place: float = Field(description="[m]")
     waits: bool = Field(description="another one runs before it")
     start_time: float | None = Field(
-        description="simulation time at which it begins [s]; null where that depends on the feed, or communication steps exceed 1 ms"
+        description="simulation time at which it begins [s]; null where it depends on the feed, or steps are longer than 1 ms"
     )
 
 

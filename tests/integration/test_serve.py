@@ -18,12 +18,24 @@ from integration.serving_cell import CELL, DEADLINE, DELTAPH, Serving, ask, foll
 
 from deltaph.errors import EnvironmentProblem, InfeasibleError
 from deltaph.execution import nearest_point
+from deltaph.frame import COMMANDS, OUTCOMES, Command
 from deltaph.kernel import status_sentence
 from deltaph.plan import Plan
 from deltaph.scenario import Task, parse_scenario, template
-from deltaph.telemetry import EVENT_KINDS, CommandClient, PpoRequest, Reply, Subscriber, layout
+from deltaph.telemetry import (
+    EVENT_KINDS,
+    CommandClient,
+    CommandService,
+    FeedFacts,
+    PpoRequest,
+    Publisher,
+    Reply,
+    Subscriber,
+    layout,
+)
 from deltaph.telemetry.commands import MAX_REQUEST, REQUESTS
 from deltaph.telemetry.events import sentence
+from deltaph.variables import variable_table
 
 PAPER = template()
 SCENARIO = parse_scenario(PAPER, Path("paper.toml"))
@@ -173,6 +185,10 @@ def test_hold_stops_on_the_path_and_resume_finishes_within_the_deviation(shared:
     for point in (PICK, PLACE):
         executed, _, _ = nearest_point(motion["time"], position, velocity, np.add(point, (0.0, 0.0, 0.05)))
         assert executed <= 6.05e-3
+    # it begins when the reply says, at the latest
+    speed = np.linalg.norm(layout("setpoint").values(setpoints, "tcp_velocity"), axis=1)
+    at = int(np.argmin(np.abs(setpoints["time"] - held.time)))
+    assert 0.0 < speed[at + 50] < 0.5 * speed[at]
     # bounded jerk while it stops: feed.c has |r''| <= w^2 times the change of the feed, times a speed of 2.4 m/s at most
     stopping = setpoints[np.abs(setpoints["time"] - held.time) < 0.5]
     jumps = np.diff(layout("setpoint").values(stopping, "tcp_acceleration"), axis=0)
@@ -196,6 +212,69 @@ def test_stop_refuses_until_resume_and_what_was_accepted_goes_on_then(shared: Se
         np.testing.assert_allclose(found.values("setpoint", "tcp_position")[-1], end, atol=1e-12)
 
 
+def test_slow_planning_is_waited_for_while_a_hold_is_heard(tmp_path: Path) -> None:
+    scenario = PAPER.replace('name = "paper"', 'name = "paper_limited"')
+    assert scenario != PAPER
+    with serving(tmp_path, scenario) as cell, cell.client() as client, cell.client() as other, following(cell) as found:
+        replies: list[Reply] = []
+        asking = threading.Thread(target=lambda: replies.append(client.ppo(PpoRequest(place=PLACE))))
+        before = found.time
+        asking.start()
+        assert other.feed(0.9).accepted  # whenever it comes
+        assert other.feed(1.0).accepted
+        asking.join(DEADLINE)
+        (reply,) = replies
+        plan = Plan.of(parse_scenario(scenario, Path("paper_limited.toml")))
+        assert reply.plan is not None
+        assert (reply.plan.duration, reply.plan.corner_deviation_pick) == (plan.duration, plan.corner_deviation[0])
+        assert reply.time > before + 0.02  # 40 to 60 slices of a millisecond
+        found.wait_for_arrival(reply)
+        statuses = set(found.of("plan")["plan.status"].tolist())
+        assert statuses == {variable_table("planner").items("PlanStatus").index("ok")}
+        assert cell.end() == 0
+
+
+def test_longer_steps_serve_as_well(tmp_path: Path) -> None:
+    scenario = PAPER.replace("communication_step_ms = 1.0", "communication_step_ms = 4.0")
+    assert scenario != PAPER
+    with serving(tmp_path, scenario) as cell, cell.client() as client, following(cell) as found:
+        first, second = client.ppo(PpoRequest(place=PLACE)), client.ppo(PpoRequest(place=PICK, dwell=0.01))
+        assert first.plan is not None and second.plan is not None
+        assert (first.plan.start_time, second.plan.waits) == (None, True)
+        found.wait_for_arrival(second)
+        assert cell.end() == 0
+    assert (cell.report["plans"]["arrived"], cell.report["plans"]["corners"], cell.report["plans"]["corners_kept"]) == (2, 4, 4)
+
+
+def test_payload_comes_into_the_gripper_when_its_plan_begins(tmp_path: Path) -> None:
+    with serving(tmp_path, PAPER) as cell, cell.client() as client, following(cell) as found:
+        light = client.ppo(PpoRequest(place=PLACE))
+        heavy = client.ppo(PpoRequest(place=PICK, payload=2.0, dwell=0.2))
+        found.wait_for_arrival(heavy)
+        actual = found.of("actual")
+        assert cell.end() == 0
+    assert light.plan is not None and heavy.plan is not None and heavy.plan.start_time is not None
+    at_rest = [actual[np.argmin(np.abs(actual["time"] - heavy.plan.start_time - delay))] for delay in (-0.001, 0.19)]
+    torque = [float(row["joint[1].torque"] + row["joint[2].torque"] + row["joint[3].torque"]) for row in at_rest]
+    assert abs(torque[1]) > abs(torque[0]) + 2.0  # some newton metres hold 2 kg
+    assert cell.report["executed"]["tracking_error_tcp_max_m"] < 2e-4  # the planner gave the torque from the same instant on
+    assert cell.report["plans"]["corners_kept"] == 4
+
+
+def test_tripped_plant_takes_no_ppo_and_the_exit_code_says_so(tmp_path: Path) -> None:
+    scenario = PAPER + "\n[[fault]]\ntime_ms = 200.0\nencoder_offset_deg = 5.0\n"
+    with serving(tmp_path, scenario) as cell, cell.client() as client, following(cell) as found:
+        wait_until(lambda: found.of("actual")["trip"][-1] != 0)
+        reply = client.ppo(PpoRequest(place=PLACE))
+        assert (reply.outcome, reply.reason) == (
+            "tripped",
+            "the plant has tripped: its brakes are on until the cell is started again",
+        )
+        assert client.hold().accepted
+        assert cell.end() == 1
+    assert (cell.report["executed"]["trip"], cell.report["plans"]["accepted"]) == ("encoder", 0)
+
+
 def test_every_command_is_an_event_with_its_outcome(shared: Serving, client: CommandClient) -> None:
     end = target(shared)
     with following(shared) as found, session(shared) as raw:
@@ -208,13 +287,13 @@ def test_every_command_is_an_event_with_its_outcome(shared: Serving, client: Com
         found.wait_for_arrival(reply)
         kinds = EVENT_KINDS.index("command_accepted"), EVENT_KINDS.index("command_refused")
         said = [sentence(event).partition(", ")[0].partition(":")[0] for event in found.of("event") if event["kind"] in kinds]
-    assert said == [
-        "command hold accepted",
-        "command resume accepted",
-        "command ppo refused",
+    assert sorted(said) == [  # within one step they come in the order of the table
         "command feed refused",
+        "command hold accepted",
         "command none refused",
         "command ppo accepted",
+        "command ppo refused",
+        "command resume accepted",
     ]
 
 
@@ -337,6 +416,40 @@ def test_flood_is_answered_while_the_steps_go_on(tmp_path: Path) -> None:
     assert counted["infeasible"] == cell.report["plans"]["refused"] > 0
     assert cell.report["telemetry"]["dropped"] == 0
     assert len(cell.said.splitlines()) < 10 + 2 * elapsed  # nor does it flood the screen
+
+
+class Faulty:
+    """A cell whose planning fails in a way that nobody foresaw."""
+
+    time = 0.0
+
+    def override(self, command: Command, value: float | None) -> FeedFacts:
+        assert command and value is None
+        return FeedFacts(value=1.0, held=True, stopped=False)
+
+    def ppo(self, request: PpoRequest) -> Reply:
+        raise ZeroDivisionError(f"of {request.place[0]}")
+
+
+def test_what_nobody_foresaw_is_answered_counted_and_not_the_end() -> None:
+    said: list[str] = []
+    publisher = Publisher(CELL, "{}", listen=[free_endpoint()])
+    service = CommandService(publisher.session, CELL, Faulty(), said.append)
+    try:
+        with CommandClient(CELL, publisher.endpoints, timeout=DEADLINE) as client:
+            for _ in range(2):
+                reply = client.ppo(PpoRequest(place=(0.5, 0.0, -0.8)))
+                assert (reply.outcome, reply.reason) == ("failed", "the cell could not judge it: ZeroDivisionError: of 0.5")
+            assert client.hold().accepted
+            service.close()
+            service.close()
+            with pytest.raises(EnvironmentProblem, match="takes no commands"):
+                client.hold()
+    finally:
+        publisher.close()
+    assert service.counts[COMMANDS.index("ppo"), OUTCOMES.index("failed")] == 2
+    assert service.counts.sum() == 3
+    assert said[0] == "command ppo refused (failed): the cell could not judge it: ZeroDivisionError: of 0.5"
 
 
 def test_nobody_answers_for_another_cell_or_without_serve(tmp_path: Path, shared: Serving) -> None:
