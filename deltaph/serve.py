@@ -64,6 +64,26 @@ class _Verdict(NamedTuple):
     start_time: float | None
 
 
+class _Refusal(NamedTuple):
+    """Why a task is not planned. No exception: one that is kept keeps its frames, and the cell runs without garbage collection."""
+
+    sentence: str
+    facts: RefusedPlan
+
+    @classmethod
+    def of(cls, error: InfeasibleError) -> _Refusal:
+        """What the kernel says."""
+        facts = RefusedPlan(
+            status=error.status, phase=error.phase, joint=error.joint, required=error.required, available=error.available
+        )
+        return cls(str(error), facts)
+
+    def reply(self, time: float) -> Reply:
+        """The answer."""
+        outcome: Outcome = "busy" if self.facts.status == "busy" else "infeasible"
+        return Reply(command="ppo", accepted=False, outcome=outcome, time=time, reason=self.sentence, refused=self.facts)
+
+
 class _Job:
     """A PPO between the thread that decides commands and the step loop. Each field is written once, by one of them.
 
@@ -254,17 +274,17 @@ class Attendant:
         try:
             plan = Plan(scenario.robot, task, scenario.law, declared, scenario.limits)
         except InfeasibleError as error:
-            foreseen = error  # the planner will say so too, and publish it
+            foreseen = _Refusal.of(error)  # the planner will say so too, and publish it
         else:
             try:
                 plan.require_within(scenario.limits)
             except InfeasibleError as error:
-                return self._not_planned(error, self.time)
+                return _Refusal.of(error).reply(self.time)
         inputs = task_inputs(task) | {"task.dwell": request.dwell or 0.0, "payload.mass": declared}
         job = _Job(task, np.array([inputs[name] for name in TASK_INPUTS]), request.dwell or 0.0, real)
         return self._ask(job, foreseen)
 
-    def _ask(self, job: _Job, foreseen: InfeasibleError | None) -> Reply:
+    def _ask(self, job: _Job, foreseen: _Refusal | None) -> Reply:
         """Hand a job to the loop, and wait for what comes of it."""
         deadline = time.monotonic() + VERDICT_TIMEOUT
         while self._job is not None and not self._late(deadline):  # one that was given up is still there
@@ -289,7 +309,7 @@ class Attendant:
     def _late(self, deadline: float) -> bool:
         return self.ended or time.monotonic() > deadline
 
-    def _answer(self, verdict: _Verdict, foreseen: InfeasibleError | None) -> Reply:
+    def _answer(self, verdict: _Verdict, foreseen: _Refusal | None) -> Reply:
         outputs, at = verdict.outputs, verdict.step * self._size
         status = _STATUS[int(outputs["plan.status"])]
         if status == "ok":
@@ -302,18 +322,11 @@ class Attendant:
                 start_time=verdict.start_time,
             )
             return Reply(command="ppo", accepted=True, outcome="accepted", time=at, plan=plan)
-        required, available = outputs["plan.required"], outputs["plan.available"]
-        if foreseen is None or foreseen.status != status:  # what only the planner knows, such as `busy`
-            sentence = status_sentence(status, required, available)
-            foreseen = InfeasibleError(sentence, status=status, required=required, available=available)
-        return self._not_planned(foreseen, at)
-
-    def _not_planned(self, error: InfeasibleError, at: float) -> Reply:
-        facts = RefusedPlan(
-            status=error.status, phase=error.phase, joint=error.joint, required=error.required, available=error.available
-        )
-        outcome: Outcome = "busy" if error.status == "busy" else "infeasible"
-        return Reply(command="ppo", accepted=False, outcome=outcome, time=at, reason=str(error), refused=facts)
+        if foreseen is None or foreseen.facts.status != status:  # what only the planner knows, such as `busy`
+            required, available = outputs["plan.required"], outputs["plan.available"]
+            facts = RefusedPlan(status=status, phase="idle", joint=0, required=required, available=available)
+            foreseen = _Refusal(status_sentence(status, required, available), facts)
+        return foreseen.reply(at)
 
 
 def _pair(given: float | Pair | None, otherwise: Pair) -> Pair:
