@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import signal
 import sys
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 
 from deltaph.errors import DeltaphError, InfeasibleError, ScenarioError
 from deltaph.files import STDOUT, check_writable, replace, write_text
+
+if TYPE_CHECKING:
+    from deltaph.telemetry import CommandClient, Reply
 
 app = typer.Typer(
     name="deltaph",
@@ -33,6 +38,7 @@ CsvOption = Annotated[Path | None, typer.Option("--csv", metavar="FILE", help="w
 ConnectOption = Annotated[
     list[str] | None, typer.Option("--connect", metavar="ENDPOINT", help="Zenoh endpoint to connect to, such as tcp/127.0.0.1:7447")
 ]
+CellOption = Annotated[str, typer.Option("--cell", metavar="NAME", help="name of the cell")]
 
 
 def _tables(*outputs: Path | None) -> Console:
@@ -183,14 +189,33 @@ def run(
     wait_subscribers: Annotated[
         int, typer.Option("--wait-subscribers", metavar="N", help="wait up to 60 s until N Zenoh subscribers are there", min=0)
     ] = 0,
+    serve: Annotated[
+        bool,
+        typer.Option(
+            "--serve", help="rest at the scenario's pick point and wait for `deltaph command`, in real time, until Ctrl-C"
+        ),
+    ] = False,
 ) -> None:
     """The main job: co-simulate planner and plant, publish, record, report, and check the scenario's expectations.
 
+    With --serve the scenario's task is not run: it says where the robot rests, and what a command leaves out. Who can reach the
+    cell's endpoint can command it: by default only this machine. Without --serve a cell takes no commands.
+
     Example: deltaph run scenarios/paper.toml --record paper.rrd && deltaph view paper.rrd
+
+    Example: deltaph run scenarios/paper.toml --serve   (then, elsewhere: deltaph command ppo --place 100,0,-800)
     """
     from deltaph.pacing import Undisturbed
     from deltaph.run import Options, run_scenario
 
+    if serve:
+        if not telemetry:
+            raise DeltaphError("--serve takes its commands over Zenoh: leave out --no-telemetry")
+        if cycles is not None:
+            raise DeltaphError("--serve does what it is told, --cycles what the scenario says: choose one")
+        if csv is not None:
+            raise DeltaphError("--serve has no end to write a table at: use --record, and `deltaph export` afterwards")
+        realtime = True
     if not telemetry and (connect or listen or wait_subscribers):
         raise DeltaphError("--connect, --listen and --wait-subscribers need telemetry: leave out --no-telemetry")
     if not realtime and (priority or cpu is not None):
@@ -205,6 +230,14 @@ def run(
         listen=tuple(listen or ()),
         wait_subscribers=wait_subscribers,
     )
+    if serve:
+        from deltaph.serve import serve_scenario
+
+        facts = serve_scenario(scenario, options, _tables(json_file), Console(stderr=True))
+        _write_json(json_file, facts)
+        if facts["executed"]["trip_time_s"] is not None:
+            raise typer.Exit(1)
+        return
     result = run_scenario(scenario, options, _tables(csv, json_file), Console(stderr=True))
     if csv is not None:
         from deltaph.outputs import frame_columns, write_csv
@@ -219,7 +252,7 @@ def run(
 def record(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE.rrd", help="recording to write")],
     connect: ConnectOption = None,
-    cell: Annotated[str, typer.Option("--cell", metavar="NAME", help="name of the cell")] = "cell1",
+    cell: CellOption = "cell1",
 ) -> None:
     """Record a running cell from another process: waits for it, subscribes over Zenoh, ends when the cell goes or on Ctrl-C.
 
@@ -231,12 +264,135 @@ def record(
     record_cell(cell, tuple(connect or ("tcp/127.0.0.1:7447",)), output, Console(stderr=True))
 
 
+command_app = typer.Typer(
+    help="Tell a cell that serves what to do, and wait for its answer; see `deltaph run --serve`.",
+    epilog="Exit codes: 0 accepted, 2 no cell, busy, stopped, tripped or not understood, 3 the task cannot be planned.",
+    no_args_is_help=True,
+)
+app.add_typer(command_app, name="command")
+
+
+def _send(send: Callable[[CommandClient], Reply], connect: list[str] | None, cell: str, json_file: Path | None = None) -> None:
+    """Send a command, and say what became of it; a refusal is an error."""
+    from deltaph.telemetry import CommandClient
+    from deltaph.telemetry.commands import sentence
+
+    check_writable(json_file)
+    try:
+        with CommandClient(cell, tuple(connect or ("tcp/127.0.0.1:7447",)), timeout=CONNECT_TIMEOUT) as client:
+            reply = send(client)
+    except ValueError as error:
+        raise DeltaphError(str(error)) from error
+    _write_json(json_file, reply.model_dump())
+    if not reply.accepted:
+        reason = reply.reason or reply.outcome
+        if reply.outcome == "infeasible" and reply.refused is not None:
+            facts = reply.refused
+            raise InfeasibleError(
+                reason,
+                status=facts.status,
+                required=facts.required,
+                available=facts.available,
+                phase=facts.phase,
+                joint=facts.joint,
+            )
+        raise DeltaphError(reason)
+    if json_file != STDOUT:
+        typer.echo(sentence(reply))
+
+
+CONNECT_TIMEOUT = 5.0
+"""Who commands does not wait for a cell to come [s]."""
+
+
+def _millimetres(option: str, text: str | None, counts: tuple[int, ...]) -> tuple[float, ...] | None:
+    """Lengths in millimetres, separated by commas, in metres."""
+    if text is None:
+        return None
+    try:
+        values = tuple(float(part) / 1000.0 for part in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) not in counts or not all(map(math.isfinite, values)):
+        raise DeltaphError(f"{option} is {text!r}: give {' or '.join(map(str, counts))} lengths in mm, separated by commas")
+    return values
+
+
+@command_app.command("ppo")
+def command_ppo(
+    place: Annotated[str, typer.Option("--place", metavar="X,Y,Z", help="place point [mm]")],
+    pick: Annotated[
+        str | None, typer.Option("--pick", metavar="X,Y,Z", help="pick point [mm]; without it: where the robot rests")
+    ] = None,
+    lift: Annotated[str | None, typer.Option("--lift", metavar="H[,H]", help="lift height [mm]; pick side, place side")] = None,
+    corner_deviation: Annotated[
+        str | None, typer.Option("--corner-deviation", metavar="D[,D]", help="prescribed corner deviation [mm]")
+    ] = None,
+    payload: Annotated[float | None, typer.Option("--payload", metavar="M", help="mass that is carried [kg]", min=0.0)] = None,
+    dwell: Annotated[float | None, typer.Option("--dwell", metavar="T", help="rest before the motion [ms]", min=0.0)] = None,
+    json_file: JsonOption = None,
+    connect: ConnectOption = None,
+    cell: CellOption = "cell1",
+) -> None:
+    """Plan a pick-and-place operation and run it; what is left out is the scenario's. One may wait while another runs.
+
+    Example: deltaph command ppo --place 100,0,-800 --lift 50 --corner-deviation 6
+    """
+    from deltaph.telemetry import PpoRequest
+
+    def either(option: str, text: str | None) -> Any:
+        values = _millimetres(option, text, (1, 2))
+        return values[0] if values is not None and len(values) == 1 else values
+
+    given = {
+        "place": _millimetres("--place", place, (3,)),
+        "pick": _millimetres("--pick", pick, (3,)),
+        "lift": either("--lift", lift),
+        "corner_deviation": either("--corner-deviation", corner_deviation),
+        "payload": payload,
+        "dwell": None if dwell is None else dwell / 1000.0,
+    }
+    request = PpoRequest(**{name: value for name, value in given.items() if value is not None})
+    _send(lambda client: client.ppo(request), connect, cell, json_file)
+
+
+@command_app.command("hold")
+def command_hold(connect: ConnectOption = None, cell: CellOption = "cell1") -> None:
+    """Stop on the path, with bounded jerk. What is accepted waits for `resume`."""
+    _send(lambda client: client.hold(), connect, cell)
+
+
+@command_app.command("resume")
+def command_resume(connect: ConnectOption = None, cell: CellOption = "cell1") -> None:
+    """Go on after hold or stop, at the feed that was set last."""
+    _send(lambda client: client.resume(), connect, cell)
+
+
+@command_app.command("stop")
+def command_stop(connect: ConnectOption = None, cell: CellOption = "cell1") -> None:
+    """As hold, and every ppo is refused until `resume`. What was accepted before goes on then."""
+    _send(lambda client: client.stop(), connect, cell)
+
+
+@command_app.command("feed")
+def command_feed(
+    value: Annotated[float, typer.Argument(metavar="VALUE", help="0 to 1; 1 as planned", min=0.0, max=1.0)],
+    connect: ConnectOption = None,
+    cell: CellOption = "cell1",
+) -> None:
+    """Slow the motion down on its path; under a hold it waits for `resume`.
+
+    Example: deltaph command feed 0.5
+    """
+    _send(lambda client: client.feed(value), connect, cell)
+
+
 @app.command()
 def view(
     file: Annotated[Path | None, typer.Argument(metavar="[FILE.rrd]", help="recording to open", show_default=False)] = None,
     live: Annotated[bool, typer.Option("--live", help="show a running cell instead: the same, while it happens")] = False,
     connect: ConnectOption = None,
-    cell: Annotated[str, typer.Option("--cell", metavar="NAME", help="name of the cell")] = "cell1",
+    cell: CellOption = "cell1",
     url: Annotated[
         str | None,
         typer.Option(

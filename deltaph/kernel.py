@@ -47,3 +47,9 @@ def sentence(verdict: Any) -> str:
     text = ffi.new("char[256]")
     lib.dph_verdict_text(ffi.addressof(verdict), text, 256)
     return str(ffi.string(text).decode())
+
+
+def status_sentence(status: str, required: float, available: float) -> str:
+    """The sentence for a status that belongs to no place on the path, such as `busy`."""
+    number = enumeration("dph_status").index(status)
+    return sentence(ffi.new("dph_verdict *", {"status": number, "required": required, "available": available})[0])

@@ -135,7 +135,7 @@ def open_client_session(connect: Sequence[str] = (DEFAULT_ENDPOINT,), timeout: f
             time.sleep(0.05)  # between two attempts, so that waiting costs nothing
 
 
-def replies(session: zenoh.Session, selector: str, timeout: float) -> list[zenoh.Reply]:
+def replies(session: zenoh.Session, selector: str, timeout: float, payload: bytes | None = None) -> list[zenoh.Reply]:
     """Ask, and wait for all replies.
 
     Zenoh ends a query at its time limit, but the iterator that `Session.get` returns was seen, rarely, to wait for ever; this
@@ -145,12 +145,15 @@ def replies(session: zenoh.Session, selector: str, timeout: float) -> list[zenoh
         session: that asks.
         selector: whom, and what for.
         timeout: [s].
+        payload: JSON that goes with it.
 
     Returns:
         the replies that came, in their order.
     """
     collected: list[zenoh.Reply] = []
     complete = threading.Event()
-    session.get(selector, zenoh.handlers.Callback(collected.append, complete.set), timeout=timeout)
+    encoding = None if payload is None else zenoh.Encoding.APPLICATION_JSON
+    handler = zenoh.handlers.Callback(collected.append, complete.set)
+    session.get(selector, handler, timeout=timeout, payload=payload, encoding=encoding)
     complete.wait(timeout + _GRACE)
     return list(collected)
