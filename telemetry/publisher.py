@@ -30,11 +30,11 @@ class Publisher:
     """A sink that publishes.
 
     The sequence number of `setpoint`, `actual` and `timing` is the frame's step: a frame that never came here shows as a gap.
-    The last message is the summary; its attachment tells the last sequence number of each kind, so that a loss at the end shows too.
+    The last message is the summary; its attachment tells the last sequence number of each kind: a loss at the end shows as well.
 
     The newest messages are kept by Zenoh's advanced publishers, which any advanced subscriber asks for what it missed. `take` waits
-    while they answer, some 60 ms for 30 s of messages: it belongs into a `BackgroundSink`. Replies are dropped, not waited for, where
-    a reader does not read: one that has stopped must not hold up the others.
+    while they answer, some 60 ms for 30 s of messages: it belongs into a `BackgroundSink`. Replies are dropped where a reader does
+    not read, not waited for: one that has stopped must not hold up the others.
 
     Attributes:
         endpoints: where it listens.
@@ -157,7 +157,10 @@ class Publisher:
 
     def _refuse_second(self) -> None:
         token = self._keys.token
-        if any(reply.ok is not None for reply in collected(lambda h: self._session.liveliness().get(token, h, timeout=_TOKEN_TIMEOUT), _TOKEN_TIMEOUT)):
+        if any(
+            reply.ok is not None
+            for reply in collected(lambda h: self._session.liveliness().get(token, h, timeout=_TOKEN_TIMEOUT), _TOKEN_TIMEOUT)
+        ):
             self._session.close()  # type: ignore[no-untyped-call]
             raise EnvironmentProblem(
                 f"a cell {self._keys.cell} is there already: give this one another name with --cell, or as `cell` under [run]"

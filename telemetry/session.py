@@ -157,9 +157,7 @@ def open_router_session(listen: Sequence[str]) -> zenoh.Session:
     return _open(_Settings("router", None), listen, [])
 
 
-def open_client_session(
-    connect: Sequence[str] = (), timeout: float | None = None, config: Path | None = None
-) -> zenoh.Session:
+def open_client_session(connect: Sequence[str] = (), timeout: float | None = None, config: Path | None = None) -> zenoh.Session:
     """Open the session of a subscriber: a client, which also works through a router; waits until an endpoint answers.
 
     Args:

@@ -70,9 +70,9 @@ class Subscriber:
     What the cell sent before, as far back as it keeps it, comes first; what is lost on the way is asked for again. The messages of
     each kind come in order and once.
 
-    Zenoh's own advanced subscriber is not used: with `history` and `recovery` together it dropped the history wherever messages came
-    in while it was being sent (eclipse-zenoh 1.10.2, 1 kHz: in 8 of 12 trials), because the answer to either question ends the
-    waiting for both. The cell's publishers are Zenoh's advanced ones, and what they keep is asked for here.
+    Zenoh's own advanced subscriber is not used: with `history` and `recovery` together it dropped the history in 8 of 12 trials at
+    1 kHz (eclipse-zenoh 1.10.2), as messages that come in meanwhile start a second query whose end is taken for that of both. The
+    cell's publishers are Zenoh's advanced ones, and what they keep is asked for here.
 
     Attributes:
         received: messages so far, by name.
@@ -165,7 +165,8 @@ class Subscriber:
     def messages(self, seconds: float | None = None) -> Iterator[Message]:
         """The messages as they come; ends when the cell has gone and all that it sent is here.
 
-        A connection that is lost is made again, and what was sent meanwhile is asked for; the end comes where it stays away for 10 s.
+        A connection that is lost is made again, and what was sent meanwhile is asked for; where it stays away for 10 s, that is the
+        end.
 
         Args:
             seconds: end after so long in any case; None does not. The next call goes on where this one ended.
@@ -209,7 +210,7 @@ class Subscriber:
                 self.missing[stream.layout.key] += max(last.get(stream.layout.key, -1) - stream.newest, 0)
 
     def collect(self, seconds: float | None = None) -> dict[MessageName, Records]:
-        """The messages as arrays, until the cell ends or for so long: by name, a structured array (n,) with the fields of its layout.
+        """The messages as arrays, until the cell ends or for so long: by name, structured (n,), with the fields of the layout.
 
         Example: `plt.plot(got["actual"]["time"], got["actual"]["joint[1].tracking_error"])`.
 
