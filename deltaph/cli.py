@@ -36,6 +36,11 @@ ConnectOption = Annotated[
     list[str] | None, typer.Option("--connect", metavar="ENDPOINT", help="Zenoh endpoint to connect to, such as tcp/127.0.0.1:7447")
 ]
 
+ZenohConfigOption = Annotated[
+    Path | None,
+    typer.Option("--zenoh-config", metavar="FILE.json5", help="Zenoh configuration, such as TLS; see `deltaph zenoh-config`"),
+]
+
 
 def _tables(*outputs: Path | None) -> Console:
     """Where tables go: not to standard output when data goes there."""
@@ -84,6 +89,23 @@ def header() -> None:
     from deltaph.telemetry.c_header import c_header
 
     typer.echo(c_header(), nl=False)
+
+
+@app.command("zenoh-config")
+def zenoh_config(
+    whose: Annotated[str, typer.Argument(metavar="cell|client", help="for `deltaph run`, or for those who follow and command")],
+) -> None:
+    """Print a commented Zenoh configuration to start from: mutual TLS, and who may read and who may command.
+
+    Options of the command line, --connect and --listen, go before what the file says, and the file before deltaph's defaults.
+
+    Example: deltaph zenoh-config cell > cell.json5
+    """
+    from deltaph.telemetry.session import CONFIGURATIONS
+
+    if whose not in CONFIGURATIONS:
+        raise DeltaphError(f"there is no configuration for {whose!r}: choose {' or '.join(CONFIGURATIONS)}")
+    typer.echo(CONFIGURATIONS[whose].read_text(encoding="utf-8"), nl=False)
 
 
 @app.command()
@@ -185,6 +207,8 @@ def run(
     wait_subscribers: Annotated[
         int, typer.Option("--wait-subscribers", metavar="N", help="wait up to 60 s until N Zenoh subscribers are there", min=0)
     ] = 0,
+    zenoh_config: ZenohConfigOption = None,
+    cell: Annotated[str | None, typer.Option("--cell", metavar="NAME", help="name of the cell, instead of the scenario's")] = None,
 ) -> None:
     """The main job: co-simulate planner and plant, publish, record, report, and check the scenario's expectations.
 
@@ -193,8 +217,8 @@ def run(
     from deltaph.pacing import Undisturbed
     from deltaph.run import Options, run_scenario
 
-    if not telemetry and (connect or listen or wait_subscribers):
-        raise DeltaphError("--connect, --listen and --wait-subscribers need telemetry: leave out --no-telemetry")
+    if not telemetry and (connect or listen or wait_subscribers or zenoh_config or cell):
+        raise DeltaphError("--connect, --listen, --wait-subscribers, --zenoh-config, --cell need telemetry: leave out --no-telemetry")
     if not realtime and (priority or cpu is not None):
         raise DeltaphError("--realtime-priority and --cpu are for the real-time loop: add --realtime")
     check_writable(record, json_file, csv)
@@ -206,6 +230,8 @@ def run(
         connect=tuple(connect or ()),
         listen=tuple(listen or ()),
         wait_subscribers=wait_subscribers,
+        zenoh_config=zenoh_config,
+        cell=cell,
     )
     result = run_scenario(scenario, options, _tables(csv, json_file), Console(stderr=True))
     if csv is not None:
@@ -222,6 +248,7 @@ def record(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE.rrd", help="recording to write")],
     connect: ConnectOption = None,
     cell: Annotated[str, typer.Option("--cell", metavar="NAME", help="name of the cell")] = "cell1",
+    zenoh_config: ZenohConfigOption = None,
 ) -> None:
     """Record a running cell from another process: waits for it, subscribes over Zenoh, ends when the cell goes or on Ctrl-C.
 
@@ -230,7 +257,7 @@ def record(
     from deltaph.record import record_cell
 
     check_writable(output)
-    record_cell(cell, tuple(connect or ("tcp/127.0.0.1:7447",)), output, Console(stderr=True))
+    record_cell(cell, tuple(connect or ()), output, Console(stderr=True), zenoh_config)
 
 
 @app.command()

@@ -45,6 +45,8 @@ class Options:
     connect: tuple[str, ...] = ()
     listen: tuple[str, ...] = ()
     wait_subscribers: int = 0
+    zenoh_config: Path | None = None
+    cell: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,10 +88,13 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
         publisher = recorder = publishing = None
         sinks: list[BackgroundSink] = []
         if options.telemetry:
-            publisher = Publisher(scenario.cell, scenario.json, listen=options.listen, connect=options.connect)
+            cell = options.cell or scenario.cell
+            publisher = Publisher(
+                cell, scenario.json, listen=options.listen, connect=options.connect, config=options.zenoh_config
+            )
             sinks.append(publishing := BackgroundSink(publisher, QUEUE_FRAMES))
             stack.callback(publishing.close)
-            log.print(f"cell {scenario.cell} on {', '.join(publisher.endpoints)}", style="dim", soft_wrap=True)
+            log.print(f"cell {cell} on {', '.join(publisher.endpoints)}", style="dim", soft_wrap=True)
             if options.wait_subscribers:
                 with log.status(f"waiting for {options.wait_subscribers} subscribers"):
                     publisher.wait_for_subscribers(options.wait_subscribers, SUBSCRIBER_TIMEOUT)

@@ -29,6 +29,9 @@ _DEFAULTS: dict[str, Any] = {
     },
 }
 
+CONFIGURATIONS = {name: Path(__file__).with_name(f"{name}.json5") for name in ("cell", "client")}
+"""Examples of configuration files."""
+
 _FREE_PORT_ATTEMPTS = 5
 _GRACE = 1.0  # how much later than its own time limit the end of a query is waited for [s]
 _PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws", "unixsock-stream")  # what the wheel of eclipse-zenoh is built with
