@@ -128,7 +128,7 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
             "communication_step_s": run.communication_step_ms / 1000.0,
             "plan": plan_facts(plan),
             "executed": executed_facts(execution),
-            "timing": timing_facts(trace),
+            "timing": timing_facts(trace, realtime=options.realtime is not None),
             "telemetry": {
                 "published": publisher.published if publisher is not None else 0,
                 "dropped": publishing.dropped if publishing is not None else 0,
