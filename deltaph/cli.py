@@ -216,7 +216,9 @@ def run(
     from deltaph.run import Options, run_scenario
 
     if not telemetry and (connect or listen or wait_subscribers or zenoh_config or cell):
-        raise DeltaphError("--connect, --listen, --wait-subscribers, --zenoh-config, --cell need telemetry: leave out --no-telemetry")
+        raise DeltaphError(
+            "--connect, --listen, --wait-subscribers, --zenoh-config, --cell need telemetry: leave out --no-telemetry"
+        )
     if not realtime and (priority or cpu is not None):
         raise DeltaphError("--realtime-priority and --cpu are for the real-time loop: add --realtime")
     check_writable(record, json_file, csv)
@@ -270,6 +272,7 @@ def view(
             "--url", metavar="URL", help="a viewer that runs, rerun+http://127.0.0.1:9876/proxy for one; without it: a new one"
         ),
     ] = None,
+    zenoh_config: ZenohConfigOption = None,
 ) -> None:
     """Open a recording in the Rerun viewer, or show a running cell. The viewer of a cell stays when the cell goes.
 
@@ -283,10 +286,12 @@ def view(
     if (file is not None) == live:
         raise DeltaphError("give either a recording, FILE.rrd, or --live")
     if file is not None:
-        if connect or url:
-            raise DeltaphError("--connect and --url are for a running cell: add --live, and leave out the recording")
+        if connect or url or zenoh_config:
+            raise DeltaphError(
+                "--connect, --zenoh-config and --url are for a running cell: add --live, and leave out the recording"
+            )
         raise typer.Exit(view_file(file, Console(stderr=True)))
-    view_cell(cell, tuple(connect or ("tcp/127.0.0.1:7447",)), url, Console(stderr=True))
+    view_cell(cell, tuple(connect or ()), url, Console(stderr=True), zenoh_config)
 
 
 @app.command()

@@ -89,9 +89,7 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
         sinks: list[BackgroundSink] = []
         if options.telemetry:
             cell = options.cell or scenario.cell
-            publisher = Publisher(
-                cell, scenario.json, listen=options.listen, connect=options.connect, config=options.zenoh_config
-            )
+            publisher = Publisher(cell, scenario.json, listen=options.listen, connect=options.connect, config=options.zenoh_config)
             sinks.append(publishing := BackgroundSink(publisher, QUEUE_FRAMES))
             stack.callback(publishing.close)
             log.print(f"cell {cell} on {', '.join(publisher.endpoints)}", style="dim", soft_wrap=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import socket
 import threading
@@ -62,6 +63,8 @@ class _Settings:
     """
 
     def __init__(self, mode: str, file: Path | None) -> None:
+        if "RUST_LOG" in os.environ:
+            zenoh.try_init_log_from_env()  # Zenoh's own log, on standard output; whom it refuses is told there and nowhere else
         self._file = file
         self._mode = mode
         self._given: dict[str, Any] = {}
