@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -10,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 import zenoh
@@ -22,6 +24,7 @@ from deltaph.telemetry.publisher import HISTORY
 
 CELL = "test-cell"
 DEADLINE = 20.0  # [s]
+PLAIN_CLIENT = Path(__file__).parents[2] / "telemetry" / "plain_client.py"
 
 FOREIGN_READER = """
 import json, struct, sys, threading
@@ -141,6 +144,26 @@ def test_foreign_reader_decodes_every_message_at_1_khz() -> None:
     for name in ("setpoint", "actual", "timing"):
         assert read["messages"][name] == [{"sequence": frame.step, **values_of(frame)[name]} for frame in offered]
     assert read["messages"]["plan"] == [{"sequence": 0, **values_of(offered[0])["plan"]}]
+
+
+def test_plain_client_works_where_there_is_no_deltaph(tmp_path: Path) -> None:
+    client = tmp_path / "client.py"
+    shutil.copy(PLAIN_CLIENT, client)
+    (tmp_path / "deltaph.py").write_text("raise ImportError('the client must not need it')", encoding="utf-8")
+    offered = frames(200)
+    with cell() as publisher:
+        command = [sys.executable, str(client), publisher.endpoints[0], CELL]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as reader:
+            publisher.wait_for_subscribers(1, DEADLINE)
+            publish_in_real_time(publisher, [*offered[:100], *offered[102:]])
+            publisher.set_summary("{}")
+            publisher.close()
+            output, _ = reader.communicate(timeout=DEADLINE)
+    assert reader.returncode == 0
+    lines = output.splitlines()
+    joints = [values_of(offered[0])["setpoint"][f"joint[{i}].position"] for i in (1, 2, 3)]
+    assert lines[0] == "0.000 s " + " ".join(f"{joint:.6f}" for joint in joints) + " rad"
+    assert {"setpoint: 198 received, 2 missing", "actual: 198 received, 2 missing", "plan: 1 received, 0 missing"} <= set(lines)
 
 
 def test_subscriber_gets_messages_documents_and_the_end() -> None:
