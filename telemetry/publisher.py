@@ -15,14 +15,13 @@ from deltaph.frame import Frame
 from deltaph.telemetry.events import EventWatch
 from deltaph.telemetry.keys import FRAME_MESSAGES, QUERY_NAMES, CellKeys, MessageName, QueryName
 from deltaph.telemetry.messages import layout, schema_document
-from deltaph.telemetry.session import collected, open_cell_session, replies
+from deltaph.telemetry.session import is_alive, open_cell_session, replies
 from deltaph.variables import variable_table
 
 HISTORY = 30_000
 """Messages of each kind that are kept for those who come late or have lost some: 30 s at 1 kHz, some 80 MB once it is full."""
 
 _HEARTBEAT = 0.5  # between two messages that tell Zenoh's own advanced subscribers how many there have been [s]
-_TOKEN_TIMEOUT = 1.0  # for cells of the same name [s]
 _ADMIN_TIMEOUT = 1.0  # for what the session's own administration space answers [s]
 
 
@@ -65,8 +64,11 @@ class Publisher:
         history: int = HISTORY,
     ) -> None:
         self._keys = CellKeys(cell)
+        if is_alive(self._keys.token, connect, config):
+            raise EnvironmentProblem(
+                f"a cell {cell} is there already: give this one another name with --cell, or as `cell` under [run]"
+            )
         self._session, self.endpoints = open_cell_session(listen, connect, config)
-        self._refuse_second()
         self._history = history
         self.published = 0
         self._last_step = -1
@@ -154,17 +156,6 @@ class Publisher:
         """The last sequence number of each kind; of what was never sent there is none."""
         numbers = dict.fromkeys(FRAME_MESSAGES, self._last_step) | {"plan": self._plans - 1, "event": self._events - 1}
         return {name: number for name, number in numbers.items() if number >= 0}
-
-    def _refuse_second(self) -> None:
-        token = self._keys.token
-        if any(
-            reply.ok is not None
-            for reply in collected(lambda h: self._session.liveliness().get(token, h, timeout=_TOKEN_TIMEOUT), _TOKEN_TIMEOUT)
-        ):
-            self._session.close()  # type: ignore[no-untyped-call]
-            raise EnvironmentProblem(
-                f"a cell {self._keys.cell} is there already: give this one another name with --cell, or as `cell` under [run]"
-            )
 
     def _publisher(self, name: MessageName) -> ext.AdvancedPublisher:
         drop = zenoh.CongestionControl.DROP

@@ -9,6 +9,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ CONFIGURATIONS = {name: Path(__file__).with_name(f"{name}.json5") for name in ("
 """Examples of configuration files."""
 
 _FREE_PORT_ATTEMPTS = 5
+_TOKEN_TIMEOUT = 1.0  # for cells of the same name [s]
 _GRACE = 1.0  # how much later than its own time limit the end of a query is waited for [s]
 _PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws", "unixsock-stream")  # what the wheel of eclipse-zenoh is built with
 
@@ -188,6 +190,28 @@ def open_client_session(connect: Sequence[str] = (), timeout: float | None = Non
             time.sleep(0.05)  # between two attempts, so that waiting costs nothing
 
 
+def is_alive(token: str, connect: Sequence[str] = (), config: Path | None = None) -> bool:
+    """Whether a liveliness token is seen from the endpoints that a cell connects to; those that are not there see none.
+
+    It is asked as a client: a router and a peer tell a peer nothing of other peers.
+
+    Raises:
+        EnvironmentProblem: an endpoint is none, or the file is no configuration.
+    """
+    settings = _Settings("client", config)
+    for endpoint in connect or settings.endpoints("connect"):
+        zenoh_config = settings.config([], [endpoint])
+        try:
+            session = zenoh.open(zenoh_config)
+        except zenoh.ZError:
+            continue
+        with session:
+            found = collected(partial(session.liveliness().get, token, timeout=_TOKEN_TIMEOUT), _TOKEN_TIMEOUT)
+        if any(reply.ok is not None for reply in found):
+            return True
+    return False
+
+
 def replies(session: zenoh.Session, selector: str, timeout: float) -> list[zenoh.Reply]:
     """Ask, and wait for all replies.
 
@@ -199,7 +223,7 @@ def replies(session: zenoh.Session, selector: str, timeout: float) -> list[zenoh
     Returns:
         the replies that came, in their order.
     """
-    return collected(lambda handler: session.get(selector, handler, timeout=timeout), timeout)
+    return collected(partial(session.get, selector, timeout=timeout), timeout)
 
 
 def collected(ask: Callable[[Any], object], timeout: float) -> list[zenoh.Reply]:

@@ -4,6 +4,7 @@ import json
 import subprocess
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from integration.test_cli import DELTAPH, PAPER
 from integration.test_zenoh import free_endpoint, wait_until
 
 from deltaph.telemetry import layout, open_router_session
+from deltaph.telemetry.session import collected
 
 NAMES = ("north", "south", "west")
 DEADLINE = 60.0  # [s]
@@ -53,12 +55,17 @@ def test_one_subscriber_sees_every_cell(tmp_path: Path, topology: str) -> None:
         for name in NAMES:
             options = ["--listen", own[name], "--wait-subscribers", "1"]
             options += [option for endpoint in connect.get(name, []) for option in ("--connect", endpoint)]
+            if topology == "chain" and name == NAMES[0]:
+                options += ["--cycles", "6"]  # the others' way to the subscriber: it ends last
             processes[name] = stack.enter_context(run(name, *options, report=tmp_path / f"{name}.json"))
         session = stack.enter_context(subscriber(mode, where))
+        tokens = partial(session.liveliness().get, "deltaph/*", timeout=1.0)
+        wait_until(lambda: len({str(reply.ok.key_expr) for reply in collected(tokens, 1.0) if reply.ok}) == len(NAMES))
         session.declare_subscriber("deltaph/*/timing", samples.append)
         for process in processes.values():
             assert process.wait(DEADLINE) == 0, process.stderr and process.stderr.read()
         steps = {name: json.loads((tmp_path / f"{name}.json").read_text(encoding="utf-8"))["steps"] for name in NAMES}
+        wait_until(lambda: len(samples) >= sum(steps.values()) + len(NAMES))
     for name in NAMES:
         payloads = [sample.payload.to_bytes() for sample in samples if str(sample.key_expr) == f"deltaph/{name}/timing"]
         assert [int(layout("timing").decode(payload)["sequence"]) for payload in payloads] == list(range(steps[name] + 1))
