@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from deltaph.checks import evaluate_expectations, executed_values, planned_values
+from deltaph.errors import DeltaphError
 from deltaph.execution import Trace, evaluate
 from deltaph.fmu import cached_fmus
 from deltaph.frame import Frame, Frames
@@ -21,7 +22,7 @@ from deltaph.pacing import Undisturbed
 from deltaph.report import executed_facts, plan_facts, print_run, timing_facts
 from deltaph.scenario import load_scenario
 from deltaph.scene import corner_marks, scene_of
-from deltaph.telemetry import BackgroundSink, Publisher
+from deltaph.telemetry import BackgroundSink, CellKeys, Publisher
 from deltaph.verdict import provenance_facts, summary_markdown
 
 PROGRESS_STEPS = 100
@@ -77,6 +78,11 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
         DeltaphError: the scenario, the plan or the machine do not allow it; nothing is left half-written.
     """
     scenario = load_scenario(path)
+    cell = options.cell or scenario.cell
+    try:
+        CellKeys(cell)
+    except ValueError as error:
+        raise DeltaphError(str(error)) from error
     run = schedule(scenario, options.cycles)
     for operation in run.operations[:2]:
         operation.plan.require_within(scenario.limits)
@@ -88,7 +94,6 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
         publisher = recorder = publishing = None
         sinks: list[BackgroundSink] = []
         if options.telemetry:
-            cell = options.cell or scenario.cell
             publisher = Publisher(cell, scenario.json, listen=options.listen, connect=options.connect, config=options.zenoh_config)
             sinks.append(publishing := BackgroundSink(publisher, QUEUE_FRAMES))
             stack.callback(publishing.close)

@@ -74,7 +74,7 @@ class _Settings:
             try:
                 self._given = json5.loads(file.read_text(encoding="utf-8"))
             except (OSError, ValueError) as error:
-                reason = error.strerror if isinstance(error, OSError) else " ".join(str(error).split())
+                reason = error.strerror if isinstance(error, OSError) else str(error).replace("<string>:", "line ")
                 raise EnvironmentProblem(f"cannot read the Zenoh configuration {file}: {reason}") from error
             if not isinstance(self._given, dict):
                 raise EnvironmentProblem(f"{file} is no Zenoh configuration: it must be an object, {{ ... }}")
