@@ -40,6 +40,11 @@ ConnectOption = Annotated[
 ]
 CellOption = Annotated[str, typer.Option("--cell", metavar="NAME", help="name of the cell")]
 
+ZenohConfigOption = Annotated[
+    Path | None,
+    typer.Option("--zenoh-config", metavar="FILE.json5", help="Zenoh configuration, such as TLS; see `deltaph zenoh-config`"),
+]
+
 
 def _tables(*outputs: Path | None) -> Console:
     """Where tables go: not to standard output when data goes there."""
@@ -88,6 +93,23 @@ def header() -> None:
     from deltaph.telemetry.c_header import c_header
 
     typer.echo(c_header(), nl=False)
+
+
+@app.command("zenoh-config")
+def zenoh_config(
+    whose: Annotated[str, typer.Argument(metavar="cell|client", help="for `deltaph run`, or for those who follow and command")],
+) -> None:
+    """Print a commented Zenoh configuration to start from: mutual TLS, and who may read and who may command.
+
+    Options of the command line, --connect and --listen, go before what the file says, and the file before deltaph's defaults.
+
+    Example: deltaph zenoh-config cell > cell.json5
+    """
+    from deltaph.telemetry.session import CONFIGURATIONS
+
+    if whose not in CONFIGURATIONS:
+        raise DeltaphError(f"there is no configuration for {whose!r}: choose {' or '.join(CONFIGURATIONS)}")
+    typer.echo(CONFIGURATIONS[whose].read_text(encoding="utf-8"), nl=False)
 
 
 @app.command()
@@ -189,6 +211,8 @@ def run(
     wait_subscribers: Annotated[
         int, typer.Option("--wait-subscribers", metavar="N", help="wait up to 60 s until N Zenoh subscribers are there", min=0)
     ] = 0,
+    zenoh_config: ZenohConfigOption = None,
+    cell: Annotated[str | None, typer.Option("--cell", metavar="NAME", help="name of the cell, instead of the scenario's")] = None,
     serve: Annotated[
         bool,
         typer.Option(
@@ -216,8 +240,10 @@ def run(
         if csv is not None:
             raise DeltaphError("--serve has no end to write a table at: use --record, and `deltaph export` afterwards")
         realtime = True
-    if not telemetry and (connect or listen or wait_subscribers):
-        raise DeltaphError("--connect, --listen and --wait-subscribers need telemetry: leave out --no-telemetry")
+    if not telemetry and (connect or listen or wait_subscribers or zenoh_config or cell):
+        raise DeltaphError(
+            "--connect, --listen, --wait-subscribers, --zenoh-config, --cell need telemetry: leave out --no-telemetry"
+        )
     if not realtime and (priority or cpu is not None):
         raise DeltaphError("--realtime-priority and --cpu are for the real-time loop: add --realtime")
     check_writable(record, json_file, csv)
@@ -229,6 +255,8 @@ def run(
         connect=tuple(connect or ()),
         listen=tuple(listen or ()),
         wait_subscribers=wait_subscribers,
+        zenoh_config=zenoh_config,
+        cell=cell,
     )
     if serve:
         from deltaph.serve import serve_scenario
@@ -253,6 +281,7 @@ def record(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE.rrd", help="recording to write")],
     connect: ConnectOption = None,
     cell: CellOption = "cell1",
+    zenoh_config: ZenohConfigOption = None,
 ) -> None:
     """Record a running cell from another process: waits for it, subscribes over Zenoh, ends when the cell goes or on Ctrl-C.
 
@@ -261,7 +290,7 @@ def record(
     from deltaph.record import record_cell
 
     check_writable(output)
-    record_cell(cell, tuple(connect or ("tcp/127.0.0.1:7447",)), output, Console(stderr=True))
+    record_cell(cell, tuple(connect or ()), output, Console(stderr=True), zenoh_config)
 
 
 command_app = typer.Typer(
@@ -272,14 +301,20 @@ command_app = typer.Typer(
 app.add_typer(command_app, name="command")
 
 
-def _send(send: Callable[[CommandClient], Reply], connect: list[str] | None, cell: str, json_file: Path | None = None) -> None:
+def _send(
+    send: Callable[[CommandClient], Reply],
+    connect: list[str] | None,
+    cell: str,
+    zenoh_config: Path | None,
+    json_file: Path | None = None,
+) -> None:
     """Send a command, and say what became of it; a refusal is an error."""
     from deltaph.telemetry import CommandClient
     from deltaph.telemetry.commands import sentence
 
     check_writable(json_file)
     try:
-        with CommandClient(cell, tuple(connect or ("tcp/127.0.0.1:7447",)), timeout=CONNECT_TIMEOUT) as client:
+        with CommandClient(cell, tuple(connect or ()), CONNECT_TIMEOUT, zenoh_config) as client:
             reply = send(client)
     except ValueError as error:
         raise DeltaphError(str(error)) from error
@@ -333,6 +368,7 @@ def command_ppo(
     json_file: JsonOption = None,
     connect: ConnectOption = None,
     cell: CellOption = "cell1",
+    zenoh_config: ZenohConfigOption = None,
 ) -> None:
     """Plan a pick-and-place operation and run it; what is left out is the scenario's. One may wait while another runs.
 
@@ -353,25 +389,25 @@ def command_ppo(
         "dwell": None if dwell is None else dwell / 1000.0,
     }
     request = PpoRequest(**{name: value for name, value in given.items() if value is not None})
-    _send(lambda client: client.ppo(request), connect, cell, json_file)
+    _send(lambda client: client.ppo(request), connect, cell, zenoh_config, json_file)
 
 
 @command_app.command("hold")
-def command_hold(connect: ConnectOption = None, cell: CellOption = "cell1") -> None:
+def command_hold(connect: ConnectOption = None, cell: CellOption = "cell1", zenoh_config: ZenohConfigOption = None) -> None:
     """Stop on the path, with bounded jerk. What is accepted waits for `resume`."""
-    _send(lambda client: client.hold(), connect, cell)
+    _send(lambda client: client.hold(), connect, cell, zenoh_config)
 
 
 @command_app.command("resume")
-def command_resume(connect: ConnectOption = None, cell: CellOption = "cell1") -> None:
+def command_resume(connect: ConnectOption = None, cell: CellOption = "cell1", zenoh_config: ZenohConfigOption = None) -> None:
     """Go on after hold or stop, at the feed that was set last."""
-    _send(lambda client: client.resume(), connect, cell)
+    _send(lambda client: client.resume(), connect, cell, zenoh_config)
 
 
 @command_app.command("stop")
-def command_stop(connect: ConnectOption = None, cell: CellOption = "cell1") -> None:
+def command_stop(connect: ConnectOption = None, cell: CellOption = "cell1", zenoh_config: ZenohConfigOption = None) -> None:
     """As hold, and every ppo is refused until `resume`. What was accepted before goes on then."""
-    _send(lambda client: client.stop(), connect, cell)
+    _send(lambda client: client.stop(), connect, cell, zenoh_config)
 
 
 @command_app.command("feed")
@@ -379,12 +415,13 @@ def command_feed(
     value: Annotated[float, typer.Argument(metavar="VALUE", help="0 to 1; 1 as planned", min=0.0, max=1.0)],
     connect: ConnectOption = None,
     cell: CellOption = "cell1",
+    zenoh_config: ZenohConfigOption = None,
 ) -> None:
     """Slow the motion down on its path; under a hold it waits for `resume`.
 
     Example: deltaph command feed 0.5
     """
-    _send(lambda client: client.feed(value), connect, cell)
+    _send(lambda client: client.feed(value), connect, cell, zenoh_config)
 
 
 @app.command()
@@ -399,6 +436,7 @@ def view(
             "--url", metavar="URL", help="a viewer that runs, rerun+http://127.0.0.1:9876/proxy for one; without it: a new one"
         ),
     ] = None,
+    zenoh_config: ZenohConfigOption = None,
 ) -> None:
     """Open a recording in the Rerun viewer, or show a running cell. The viewer of a cell stays when the cell goes.
 
@@ -412,10 +450,12 @@ def view(
     if (file is not None) == live:
         raise DeltaphError("give either a recording, FILE.rrd, or --live")
     if file is not None:
-        if connect or url:
-            raise DeltaphError("--connect and --url are for a running cell: add --live, and leave out the recording")
+        if connect or url or zenoh_config:
+            raise DeltaphError(
+                "--connect, --zenoh-config and --url are for a running cell: add --live, and leave out the recording"
+            )
         raise typer.Exit(view_file(file, Console(stderr=True)))
-    view_cell(cell, tuple(connect or ("tcp/127.0.0.1:7447",)), url, Console(stderr=True))
+    view_cell(cell, tuple(connect or ()), url, Console(stderr=True), zenoh_config)
 
 
 @app.command()
