@@ -34,7 +34,7 @@ static const char *const part_name[PARTS] = {"plan", "sample", "corner", "joints
 static dph_workspace *workspace;
 static dph_plan plan;
 static dph_setpoint setpoint[1024];
-static double moment[1024], in_corner[1024], sink;
+static double moment[1024], in_corner[1024], gamma[1024], sink;
 static int moments, in_corners;
 
 static void run(int part)
@@ -48,8 +48,8 @@ static void run(int part)
         dph_plan_sample_array(&plan, moments, moment, setpoint);
         break;
     case 2:
-        for (int i = 0; i < in_corners; ++i)
-            sink += dph_corner_law_gamma(&plan.side[0].corner, in_corner[i]);
+        dph_corner_law_gamma(&plan.side[0].corner, in_corners, in_corner, gamma, NULL);
+        sink += gamma[0];
         break;
     default:
         for (int i = 0; i < moments; ++i) {
