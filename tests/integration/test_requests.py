@@ -1,7 +1,7 @@
 """A new target at any time: every accepted request runs, exactly when it should, and what the planner emits is what its plans say.
 
-What should be emitted comes from the rule alone: a request takes one slice of planning in each millisecond, beginning with that of the
-request; its PPO starts once the one before has arrived and it is planned; a request is refused while the one before has not begun.
+What should be emitted comes from the rule alone: a request takes one slice of planning in each millisecond, beginning with its
+own; its PPO starts once the one before has arrived and it is planned; a request is refused while the one before has not begun.
 """
 
 import itertools
