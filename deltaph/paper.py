@@ -16,9 +16,10 @@ from deltaph.bench import PAPER_US, Contender, in_turns
 from deltaph.execution import Execution, Trace, evaluate
 from deltaph.files import replace as replace_file
 from deltaph.fmu import cached_fmus
-from deltaph.importer import cosimulate, schedule
+from deltaph.importer import cosimulate
 from deltaph.plan import Plan
 from deltaph.scenario import Scenario, Task, parse_scenario, template
+from deltaph.schedule import schedule
 from deltaph.telemetry.figures import Method, write_figures
 
 FloatArray = NDArray[np.float64]

@@ -16,11 +16,12 @@ from deltaph.checks import evaluate_expectations, executed_values, planned_value
 from deltaph.execution import Trace, evaluate
 from deltaph.fmu import cached_fmus
 from deltaph.frame import Frame, Frames
-from deltaph.importer import Schedule, cosimulate, schedule
+from deltaph.importer import cosimulate
 from deltaph.pacing import Undisturbed
 from deltaph.report import executed_facts, plan_facts, print_run, timing_facts
 from deltaph.scenario import load_scenario
 from deltaph.scene import corner_marks, scene_of
+from deltaph.schedule import Schedule, schedule
 from deltaph.telemetry import BackgroundSink, Publisher
 from deltaph.verdict import provenance_facts, summary_markdown
 

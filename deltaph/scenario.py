@@ -65,7 +65,7 @@ class Move:
 
     Attributes:
         name: for people, such as `part 3`.
-        part: number of the part that is placed, or was placed before, from 1.
+        part: number of the part that is placed, or was placed before, from 1; 0 where there is no sequence.
         is_return: the way from a place point to a pick point.
         task: what to do.
         dwell_ms: rest at the pick point before it; a whole number [ms].
@@ -200,7 +200,7 @@ class Scenario:
     @property
     def parts(self) -> int:
         """How many parts a sequence places; 0 where there is none."""
-        return self.moves[-1].part if len(self.moves) > 1 else 0
+        return self.moves[-1].part
 
     @property
     def json(self) -> str:
@@ -296,7 +296,7 @@ def _moves(file: ScenarioFile) -> Iterator[Move]:
     """The one move of a scenario, or the moves of its sequence."""
     carried, declared, common = file.payload.mass_kg, file.payload.declared_mass_kg, _si(file.task)
     if file.sequence is None:
-        yield Move("way there", 1, False, _task(common), 0, carried, carried if declared is None else declared)
+        yield Move("way there", 0, False, _task(common), 0, carried, carried if declared is None else declared)
         return
     common |= {f"lift_{side}": common.get("lift", common.get(f"lift_{side}")) for side in ("pick", "place")}
     common.pop("lift", None)
@@ -307,7 +307,9 @@ def _moves(file: ScenarioFile) -> Iterator[Move]:
         task = _task({**common, **own})
         mass = own.get("payload_mass", carried)
         grip, release = (1000.0 * own.get(name, dwell / 1000.0) for name, dwell in dwells.items())
-        parts.append((Move(f"part {number}", number, False, task, _whole(grip), mass, mass if declared is None else declared), release))
+        parts.append(
+            (Move(f"part {number}", number, False, task, _whole(grip), mass, mass if declared is None else declared), release)
+        )
     # Where a part is picked up right where the one before was put down, the gripper lets go and grips in one rest.
     waited = _whole(parts[-1][1]) if parts[-1][0].task.place == parts[0][0].task.pick else 0
     for (there, release), (following, _) in zip(parts, [*parts[1:], parts[0]], strict=True):

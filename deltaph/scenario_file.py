@@ -70,11 +70,10 @@ class TaskSection(Section):
     """What to do: up, across, down. With `[sequence]`: what its parts have that do not say otherwise."""
 
     pick_mm: Point | None = Field(
-        None, description="pick point x, y, z in the base frame; z is up, the workspace is below 0; the parts of a sequence may say it"
+        None,
+        description="pick point x, y, z in the base frame; z is up, the workspace is below 0; the parts of a sequence may say it",
     )
-    place_mm: Point | None = Field(
-        None, description="place point x, y, z in the base frame; the parts of a sequence may say it"
-    )
+    place_mm: Point | None = Field(None, description="place point x, y, z in the base frame; the parts of a sequence may say it")
     lift_mm: NonNegative | None = Field(None, description="lift height above both points; 0: straight across")
     lift_pick_mm: NonNegative | None = Field(
         None, description="lift height above the pick point, where the two differ; 0: no corner"
@@ -115,7 +114,7 @@ class PartSection(Section):
 
 
 class SequenceSection(Section):
-    """Parts that are placed one after the other. From each place the empty gripper goes to the next pick, at the end to the first one."""
+    """Parts that are placed one after the other. From each place the empty gripper goes to the next pick, then to the first one."""
 
     grip_ms: Dwell = Field(0.0, description="rest at each pick point; half-way through it the part is in the gripper")
     release_ms: Dwell = Field(0.0, description="rest at each place point; half-way through it the part is out of the gripper")
@@ -340,7 +339,7 @@ class ScenarioFile(Section):
     def _arrives(self) -> Self:
         if self.feed and (last := max(self.feed, key=lambda feed: feed.time_ms).override) < _LEAST_LAST_OVERRIDE:
             raise ValueError(
-                f"feed: the last override is {last:g}, with which the motion hardly arrives: end with at least {_LEAST_LAST_OVERRIDE:g}"
+                f"feed: the last override is {last:g}, too slow to arrive: end with at least {_LEAST_LAST_OVERRIDE:g}"
             )
         return self
 

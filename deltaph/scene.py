@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from deltaph.importer import Operation, schedule
 from deltaph.plan import Plan
 from deltaph.scenario import Scenario
+from deltaph.schedule import Operation, schedule
 from deltaph.telemetry.scene import CornerMark, Move, Scene
 
 PATH_STEP_MS = 0.25

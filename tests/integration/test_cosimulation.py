@@ -10,10 +10,11 @@ from deltaph.errors import InfeasibleError
 from deltaph.execution import Trace, evaluate, nearest_point, overshoot
 from deltaph.fmu import cached_fmus
 from deltaph.frame import Frame
-from deltaph.importer import Schedule, cosimulate, schedule
+from deltaph.importer import cosimulate
 from deltaph.outputs import planner_columns
 from deltaph.plan import Plan
 from deltaph.scenario import Scenario, load_scenario, parse_scenario, template
+from deltaph.schedule import Schedule, schedule
 
 SCENARIOS = sorted((Path(__file__).parents[2] / "scenarios").glob("*.toml"))
 

@@ -13,7 +13,7 @@ ORDER = [
     {"complaints"},
     {"robot", "fmu"},
     {"scenario"},
-    {"plan"},
+    {"plan", "feed"},
     {"slave", "outputs", "plot", "pacing"},
     {"schedule"},
     {"importer"},

@@ -29,7 +29,7 @@ grip_ms = 20.0
 release_ms = 9.5
 parts = [
     { pick_mm = [-150.0, 0.0, -800.0], place_mm = [150.0, 0.0, -800.0] },
-    { pick_mm = [-150.0, 40.0, -800.0], place_mm = [150.0, 40.0, -780.0], lift_place_mm = 30.0, payload_mass_kg = 0.5, release_ms = 0.0 },
+    { pick_mm = [-150, 40, -800], place_mm = [150, 40, -780], lift_place_mm = 30.0, payload_mass_kg = 0.5, release_ms = 0.0 },
     { pick_mm = [-150.0, 80.0, -790.0], place_mm = [150.0, 80.0, -790.0], corner_deviation_mm = 3.0, grip_ms = 30.0 },
 ]
 """
@@ -122,8 +122,8 @@ def test_wrong_sequences_are_refused_with_the_part_and_the_way_out(old: str, new
 
 
 def test_an_empty_sequence_and_rates_without_one_are_refused() -> None:
-    with pytest.raises(ScenarioError, match="sequence.parts is"):
+    with pytest.raises(ScenarioError, match=r"sequence\.parts is"):
         sequence(HEAD, "[sequence]\nparts = []")
     points = "pick_mm = [-150.0, 0.0, -800.0]\nplace_mm = [150.0, 0.0, -800.0]\nlift_mm"
-    with pytest.raises(ScenarioError, match="expect.parts_per_minute is of a sequence"):
+    with pytest.raises(ScenarioError, match=r"expect\.parts_per_minute is of a sequence"):
         sequence(HEAD.replace("lift_mm", points), "[expect]\nparts_per_minute = { min = 1.0 }")
