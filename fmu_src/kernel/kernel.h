@@ -46,7 +46,8 @@ typedef enum dph_phase {
     DPH_PHASE_DECELERATE,
     DPH_PHASE_PLACE_CORNER,
     DPH_PHASE_LOWER,
-    DPH_PHASE_TRAVERSE
+    DPH_PHASE_TRAVERSE,
+    DPH_PHASE_DWELL
 } dph_phase;
 
 /* A refusal as facts: what was refused, where, how much it needs and how much there is. */
@@ -227,6 +228,7 @@ typedef struct dph_task {
     double pick[3], place[3];    /* [m] */
     double lift[2];              /* [m] */
     double corner_deviation[2];  /* prescribed [m] */
+    double dwell;                /* rest at the pick point before the motion [s] */
     double payload;              /* [kg] */
     dph_law law;
     double corner_entry_speed;   /* V_B; comparison: greatest vertical speed [m/s] */
@@ -260,6 +262,7 @@ typedef struct dph_plan {
     int duration_ms;             /* aligned duration [ms] */
     double duration;             /* the same [s] */
     double speed_factor;         /* nominal / aligned duration, at most 1 */
+    int dwell_ms;                /* dwell, rounded up to the same grid; it is no part of the duration: the motion begins at time 0 [ms] */
     double length;               /* arc length of the path [m] */
     double segment_arc[7];       /* arc length at the ends of lift, corners, halves of the traverse, lowering; not of comparison [m] */
     double corner_deviation[2];  /* vertex to path, by construction or found [m]; 0 where there is no lift and so no corner */
@@ -307,8 +310,8 @@ typedef struct dph_peaks {
  *           seven hundred poses and at most 40 steps of its solver instead. */
 dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_workspace *workspace, dph_plan *plan);
 
-/* The setpoint at a time [s] on the aligned clock, clamped to [0, duration]: before the start the robot rests at the pick point, from the
- * end on at the place point, exactly.
+/* The setpoint at a time [s] on the aligned clock, clamped to [0, duration]: before the start the robot rests at the pick point (its phase
+ * is dwell from -dwell_ms on), from the end on at the place point, exactly.
  * Cost: one corner law inversion, one inverse kinematics and dynamics. */
 void dph_plan_sample(const dph_plan *plan, double time, dph_setpoint *setpoint);
 

@@ -6,7 +6,7 @@
 #include "laws.h"
 #include "path.h"
 
-/* Longest motion [s]; its milliseconds are far inside an int. */
+/* Longest motion and longest dwell [s]; their milliseconds are far inside an int. */
 static const double longest = 3600.0;
 
 /* Heights that differ by less are level: a thousand times the rounding error of metres written as millimetres. */
@@ -48,6 +48,7 @@ static dph_verdict task_check(const dph_task *task)
         {task->corner_entry_speed, least_speed, greatest_speed},
         {task->corner_mid_speed, least_speed, greatest_speed},
         {task->traverse_speed, least_speed, greatest_speed},
+        {task->dwell, 0.0, longest},
         {task->payload, 0.0, greatest_payload},
         {task->overlap, 0.0, 1.0},
     };
@@ -63,11 +64,19 @@ static dph_verdict task_check(const dph_task *task)
     return dph_accept();
 }
 
-/* One speed factor for the whole motion: nothing is floored phase by phase. The tolerance keeps a duration that is a whole number of
- * milliseconds but for rounding from taking one more. */
+/* A time [s] of up to `longest`, rounded up to whole milliseconds. One that is a whole number but for rounding takes no more: its own
+ * rounding and that of the product are 2^-53 of 3.6e6 ms each, less than 1e-9 ms together. */
+static int milliseconds(double time)
+{
+    return (int)ceil(1e3 * time - 1e-9);
+}
+
+/* One speed factor for the whole motion: nothing is floored phase by phase. */
 static void align(dph_plan *plan)
 {
-    plan->duration_ms = (int)fmax(ceil(1e3 * plan->nominal_duration - 1e-9), 1.0);
+    int duration_ms = milliseconds(plan->nominal_duration);
+    plan->duration_ms = duration_ms > 1 ? duration_ms : 1;
+    plan->dwell_ms = milliseconds(plan->task.dwell);
     plan->duration = plan->duration_ms / 1e3;
     plan->speed_factor = fmin(plan->nominal_duration / plan->duration, 1.0);
 }
@@ -228,6 +237,8 @@ void dph_plan_sample(const dph_plan *plan, double time, dph_setpoint *setpoint)
     }
     int arrived = time >= plan->duration;
     (void)dph_rest(&plan->robot, arrived ? plan->task.place : plan->task.pick, plan->task.payload, setpoint);
+    if (time < 0.0 && time >= -plan->dwell_ms / 1e3)
+        setpoint->phase = DPH_PHASE_DWELL;
     setpoint->arc_length = arrived ? plan->length : 0.0;
     setpoint->length = plan->length;
     setpoint->vertex_distance = vertex_distance(&plan->task, setpoint->tcp_position);

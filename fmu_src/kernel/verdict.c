@@ -41,7 +41,8 @@ void dph_verdict_text(const dph_verdict *verdict, char *text, int size)
                                         " in the second half of the traverse",
                                         " in the corner above the place point",
                                         " while lowering",
-                                        " in the traverse"};
+                                        " in the traverse",
+                                        " before the motion"};
     const char *phase = where[verdict->phase];
     double required = verdict->required, available = verdict->available;
     size_t n = (size_t)size;

@@ -21,6 +21,7 @@ static dph_task task_from(const Variables *v)
     task.lift[1] = v->task_lift_place;
     task.corner_deviation[0] = v->task_corner_deviation_pick;
     task.corner_deviation[1] = v->task_corner_deviation_place;
+    task.dwell = v->task_dwell;
     task.payload = v->payload_mass;
     task.law = (dph_law)v->law;
     task.corner_entry_speed = v->speed_corner_entry;
@@ -74,6 +75,14 @@ static void report(Model *m, const dph_verdict *verdict, const ModelLog *log)
     log->write(log->context, verdict->status == DPH_STATUS_OK ? MESSAGE_EVENT : MESSAGE_WARNING, text);
 }
 
+/* Run a plan that began `ms` ago on its clock: first comes its dwell. */
+static void begin(Model *m, const dph_plan *plan, double ms)
+{
+    m->running = *plan;
+    m->has_run = m->is_running = 1;
+    m->elapsed_ms = ms - plan->dwell_ms;
+}
+
 /* A new value of task.trigger asks for a PPO with the inputs of this moment; 0 only re-arms. */
 static void take_request(Model *m, const ModelLog *log)
 {
@@ -97,9 +106,7 @@ static void take_request(Model *m, const ModelLog *log)
             m->waiting = plan;
             m->is_waiting = 1;
         } else {
-            m->running = plan;
-            m->has_run = m->is_running = 1;
-            m->elapsed_ms = 0.0;
+            begin(m, &plan, 0.0);
         }
     } else {
         m->v.plan_refused += 1;
@@ -176,8 +183,7 @@ static void advance(Model *m, double ms)
             m->elapsed_ms = m->running.duration_ms;
             return;
         }
-        m->elapsed_ms -= m->running.duration_ms;
-        m->running = m->waiting;
+        begin(m, &m->waiting, m->elapsed_ms - m->running.duration_ms);
         m->is_waiting = 0;
     }
 }

@@ -15,7 +15,7 @@ typedef struct {
     dph_plan running;     /* the last one begun; meaningful once has_run is set */
     dph_plan waiting;
     Feed feed;
-    double elapsed_ms;    /* on the running plan's clock, at most its duration; whole numbers unless the feed has slowed it */
+    double elapsed_ms;    /* on the running plan's clock, from -dwell to its duration; whole numbers unless the feed has slowed it */
     int32_t has_run, is_running, is_waiting;
     int32_t last_trigger;
 } Model;
