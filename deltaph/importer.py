@@ -39,14 +39,13 @@ def task_inputs(task: Task) -> dict[str, float]:
         "task.lift_place": task.lift[1],
         "task.corner_deviation_pick": task.corner_deviation[0],
         "task.corner_deviation_place": task.corner_deviation[1],
+        "task.dwell": task.dwell,
     }
 
 
 def move_inputs(move: Move) -> dict[str, float]:
     """The planner inputs that say a move, but for the trigger."""
-    inputs = task_inputs(move.task) | {"task.dwell": move.dwell_ms / 1000.0, "payload.mass": move.declared_payload}
-    known = {v.name for v in variable_table("planner").of("input")}  # TEMPORARY
-    return {name: value for name, value in inputs.items() if name in known}
+    return task_inputs(move.task) | {"payload.mass": move.declared_payload}
 
 
 NO_LIMIT = 1e30

@@ -117,6 +117,7 @@ class Plan:
                 "place": task.place,
                 "lift": task.lift,
                 "corner_deviation": task.corner_deviation,
+                "dwell": task.dwell,
                 "payload": payload,
                 "law": enumeration("dph_law").index(law.name),
                 "corner_entry_speed": law.corner_entry_speed,
@@ -147,6 +148,11 @@ class Plan:
     def duration_ms(self) -> int:
         """Aligned duration [ms]."""
         return int(self._struct.duration_ms)
+
+    @property
+    def dwell_ms(self) -> int:
+        """Rest before the motion, which begins at time 0 [ms]."""
+        return int(self._struct.dwell_ms)
 
     @property
     def nominal_duration(self) -> float:

@@ -47,16 +47,18 @@ class Task:
         place: place point [m].
         lift: lift heights [m].
         corner_deviation: prescribed corner deviations [m].
+        dwell: rest at the pick point before the motion [s].
     """
 
     pick: Triple
     place: Triple
     lift: Pair
     corner_deviation: Pair
+    dwell: float = 0.0
 
     def reversed(self) -> Task:
         """The way back."""
-        return Task(self.place, self.pick, self.lift[::-1], self.corner_deviation[::-1])
+        return Task(self.place, self.pick, self.lift[::-1], self.corner_deviation[::-1], self.dwell)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +70,6 @@ class Move:
         part: number of the part that is placed, or was placed before, from 1; 0 where there is no sequence.
         is_return: the way from a place point to a pick point.
         task: what to do.
-        dwell_ms: rest at the pick point before it; a whole number [ms].
         payload: what is carried [kg].
         declared_payload: what the planner is told [kg].
     """
@@ -77,7 +78,6 @@ class Move:
     part: int
     is_return: bool
     task: Task
-    dwell_ms: int
     payload: float
     declared_payload: float
 
@@ -289,48 +289,42 @@ def _fault(section: FaultSection) -> Fault:
 def _task(task: Mapping[str, Any]) -> Task:
     """The task that the keys of `[task]` say, of which `lift` stands for both sides."""
     lift = (task["lift"],) * 2 if "lift" in task else (task["lift_pick"], task["lift_place"])
-    return Task(task["pick"], task["place"], lift, _pair(task["corner_deviation"]))
+    return Task(task["pick"], task["place"], lift, _pair(task["corner_deviation"]), task.get("grip", 0.0))
 
 
 def _moves(file: ScenarioFile) -> Iterator[Move]:
     """The one move of a scenario, or the moves of its sequence."""
-    carried, declared, common = file.payload.mass_kg, file.payload.declared_mass_kg, _si(file.task)
+    declared = file.payload.declared_mass_kg
+
+    def carrying(name: str, part: int, task: Task, mass: float) -> Move:
+        return Move(name, part, False, task, mass, mass if declared is None else declared)
+
     if file.sequence is None:
-        yield Move("way there", 0, False, _task(common), 0, carried, carried if declared is None else declared)
+        yield carrying("way there", 0, _task(_si(file.task)), file.payload.mass_kg)
         return
-    common |= {f"lift_{side}": common.get("lift", common.get(f"lift_{side}")) for side in ("pick", "place")}
-    common.pop("lift", None)
-    dwells = {"grip": file.sequence.grip_ms, "release": file.sequence.release_ms}
-    parts = []
-    for number, section in enumerate(file.sequence.parts, 1):
-        own = _si(section)
-        task = _task({**common, **own})
-        mass = own.get("payload_mass", carried)
-        grip, release = (1000.0 * own.get(name, dwell / 1000.0) for name, dwell in dwells.items())
-        parts.append(
-            (Move(f"part {number}", number, False, task, _whole(grip), mass, mass if declared is None else declared), release)
-        )
-    # Where a part is picked up right where the one before was put down, the gripper lets go and grips in one rest.
-    waited = _whole(parts[-1][1]) if parts[-1][0].task.place == parts[0][0].task.pick else 0
-    for (there, release), (following, _) in zip(parts, [*parts[1:], parts[0]], strict=True):
-        yield replace(there, dwell_ms=there.dwell_ms + waited)
-        waited = _whole(release)
-        if there.task.place != following.task.pick:
-            yield Move(f"return after part {there.part}", there.part, True, _return(there.task, following.task), waited, 0.0, 0.0)
-            waited = 0
+    common = _si(file.task)
+    lift = common.pop("lift", None)
+    common = {"lift_pick": lift, "lift_place": lift, "payload_mass": file.payload.mass_kg} | common
+    common |= {"grip": file.sequence.grip_ms / 1000.0, "release": file.sequence.release_ms / 1000.0}
+    parts = [common | _si(part) for part in file.sequence.parts]
+    tasks = [_task(part) for part in parts]
+    last = len(parts) - 1
+    for k, (part, task) in enumerate(zip(parts, tasks, strict=True)):
+        if tasks[k - 1].place == task.pick:  # no way back from there: the gripper lets go and grips in one rest
+            task = replace(task, dwell=parts[k - 1]["release"] + task.dwell)
+        yield carrying(f"part {k + 1}", k + 1, task, part["payload_mass"])
+        following = tasks[0 if k == last else k + 1]
+        if task.place != following.pick:
+            yield Move(f"return after part {k + 1}", k + 1, True, _return(task, following, part["release"]), 0.0, 0.0)
 
 
-def _return(task: Task, following: Task) -> Task:
+def _return(task: Task, following: Task, dwell: float) -> Task:
     """The way from where a task ends to where the next one begins: as high as the higher of the two, around the same corners."""
     level = max(task.place[2] + task.lift[1], following.pick[2] + following.lift[0])
-    ends = ((task.place[2], task.lift[1]), (following.pick[2], following.lift[0]))
-    lift = tuple(own if z + own == level else level - z for z, own in ends)
-    return Task(task.place, following.pick, (lift[0], lift[1]), (task.corner_deviation[1], following.corner_deviation[0]))
-
-
-def _whole(ms: float) -> int:
-    """The whole milliseconds that a rest takes, as the planner has them: a duration that is one but for rounding is one."""
-    return math.ceil(ms - 1e-6)
+    begin, end = (
+        own if z + own == level else level - z for z, own in ((task.place[2], task.lift[1]), (following.pick[2], following.lift[0]))
+    )
+    return Task(task.place, following.pick, (begin, end), (task.corner_deviation[1], following.corner_deviation[0]), dwell)
 
 
 def load_scenario(path: Path) -> Scenario:

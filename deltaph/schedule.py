@@ -71,7 +71,7 @@ class Schedule:
     @property
     def cycle_time(self) -> float:
         """Of a pass as it is planned, rests included [s]."""
-        return sum(operation.move.dwell_ms + operation.plan.duration_ms for operation in self.one_pass) / 1000.0
+        return sum(operation.plan.dwell_ms + operation.plan.duration_ms for operation in self.one_pass) / 1000.0
 
     @property
     def parts_per_minute(self) -> float:
@@ -81,8 +81,8 @@ class Schedule:
     @property
     def payload_changes(self) -> list[tuple[float, float]]:
         """What the gripper really carries, as (from when [s], mass [kg]): a part comes and goes half-way through a rest."""
-        first = self.operations[0].move
-        changes = [(0.0, 0.0 if first.dwell_ms else first.payload)]
+        first = self.operations[0]
+        changes = [(0.0, 0.0 if first.plan.dwell_ms else first.move.payload)]
         for operation in self.operations:
             if operation.move.payload != changes[-1][1]:
                 changes.append((0.0005 * (operation.begin_ms + operation.start_ms), operation.move.payload))
@@ -110,7 +110,8 @@ def schedule(scenario: Scenario, cycles: int | None = None) -> Schedule:
     passes = scenario.moves
     if cycles is not None and not scenario.parts:
         passes = (*passes, passes[0].reversed())
-    plans = {move: _plan(scenario, move) for move in passes}
+    # parts before returns: what is wrong with a part is wrong with the returns from and to it, too
+    plans = {move: _plan(scenario, move) for move in sorted(passes, key=lambda move: move.is_return)}
     step = scenario.communication_step_ms
     feed = tuple((math.ceil(1000.0 * change.time / step - 1e-6), change.override) for change in scenario.feed)
     clock = FeedClock([(step * at, override) for at, override in feed])
@@ -118,11 +119,11 @@ def schedule(scenario: Scenario, cycles: int | None = None) -> Schedule:
     elapsed = 0
     for move in passes * (cycles or 1):
         plan = plans[move]
-        begin, start, end = (clock.reaches(elapsed + ms) for ms in (0, move.dwell_ms, move.dwell_ms + plan.duration_ms))
+        begin, start, end = (clock.reaches(elapsed + ms) for ms in (0, plan.dwell_ms, plan.dwell_ms + plan.duration_ms))
         # One request may wait: the next one is asked for as soon as its forerunner has left that place.
         request = math.floor(operations[-1].begin_ms / step) + 1 if operations else 0
-        operations.append(Operation(move, plan, begin, start, end, elapsed + move.dwell_ms, request))
-        elapsed += move.dwell_ms + plan.duration_ms
+        operations.append(Operation(move, plan, begin, start, end, elapsed + plan.dwell_ms, request))
+        elapsed += plan.dwell_ms + plan.duration_ms
     steps = math.ceil((operations[-1].end_ms + 1000.0 * scenario.settle) / step - 1e-6)
     return Schedule(tuple(operations), len(passes), steps, step, feed, clock)
 

@@ -2,12 +2,16 @@
 
 import json
 import math
+from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from deltaph.errors import ScenarioError
+from deltaph.errors import InfeasibleError, ScenarioError
+from deltaph.feed import FeedClock
 from deltaph.scenario import Scenario, parse_scenario, scenario_from_json
+from deltaph.schedule import schedule
 
 PATH = Path("test.toml")
 
@@ -48,7 +52,7 @@ def test_every_part_is_followed_by_the_empty_way_to_the_next_and_the_last_to_the
         assert move.task.place == following.task.pick
     assert [move.payload for move in moves] == [0.2, 0.0, 0.5, 0.0, 0.2, 0.0]
     assert [move.declared_payload for move in moves] == [0.2, 0.0, 0.5, 0.0, 0.2, 0.0]
-    assert [move.dwell_ms for move in moves] == [20, 10, 20, 0, 30, 10]  # whole milliseconds, rounded up
+    assert [move.task.dwell for move in moves] == [0.02, 0.0095, 0.02, 0.0, 0.03, 0.0095]
     assert [move.is_return for move in moves] == [False, True] * 3
 
 
@@ -61,6 +65,71 @@ def test_a_part_has_what_the_task_has_unless_it_says_otherwise() -> None:
     fixed = HEAD.replace("lift_mm", "pick_mm = [-150.0, 0.0, -800.0]\nlift_mm")
     places = "[sequence]\nparts = [ { place_mm = [150.0, 0.0, -800.0] }, { place_mm = [150.0, 40.0, -800.0] } ]"
     assert {move.task.pick for move in sequence(fixed, places).moves if not move.is_return} == {(-0.15, 0.0, -0.8)}
+
+
+def test_operations_follow_each_other_with_their_rests() -> None:
+    run = schedule(sequence())
+    assert [operation.plan.dwell_ms for operation in run.operations] == [20, 10, 20, 0, 30, 10]  # rounded up
+    for operation, following in pairwise(run.operations):
+        assert operation.end_ms == following.begin_ms
+        assert following.start_ms == following.begin_ms + following.plan.dwell_ms
+        # asked for while the forerunner runs, as early as it can wait
+        assert operation.begin_ms < following.request_step <= operation.begin_ms + 1
+    assert run.steps == run.operations[-1].end_ms + 50
+    assert run.cycle_time == run.operations[-1].end_ms / 1000.0
+    assert run.parts_per_minute == pytest.approx(3 * 60.0 / run.cycle_time)
+
+
+def test_parts_come_and_go_half_way_through_a_rest() -> None:
+    run = schedule(sequence())
+    changes = [(0.0, 0.0)] + [(0.0005 * (o.begin_ms + o.start_ms), o.move.payload) for o in run.operations]
+    assert run.payload_changes == changes
+    assert changes[1] == (0.01, 0.2)
+
+
+def test_cycles_repeat_the_sequence() -> None:
+    once, twice = schedule(sequence()), schedule(sequence(), cycles=2)
+    assert [o.move for o in twice.operations] == [o.move for o in once.operations] * 2
+    assert twice.operations[6].begin_ms == once.operations[5].end_ms
+    assert twice.cycle_time == once.cycle_time
+    assert [o.begin_ms for o in twice.one_pass] == [o.begin_ms for o in once.operations]
+
+
+def test_a_part_that_cannot_be_planned_is_named() -> None:
+    with pytest.raises(InfeasibleError, match=r"^part 3: corner deviation 30 mm does not fit lift height 50 mm"):
+        schedule(sequence(HEAD, PARTS.replace("corner_deviation_mm = 3.0", "corner_deviation_mm = 30.0")))
+    with pytest.raises(InfeasibleError, match=r"^part 2: the traverse would not be level.*change a lift height by 20 mm"):
+        schedule(sequence(HEAD, PARTS.replace("lift_place_mm = 30.0, ", "")))
+    beside = PARTS.replace("pick_mm = [-150, 40, -800], place_mm = [150,", "pick_mm = [150, 5, -800], place_mm = [-150,")
+    with pytest.raises(InfeasibleError, match=r"^return after part 1: the corners take .* only 5 mm apart"):
+        schedule(sequence(HEAD, beside))
+    slow = sequence(HEAD + "[limits]\njoint_velocity_rad_s = 4.25\n")
+    with pytest.raises(InfeasibleError, match=r"^part 1: joint \d velocity reaches .* beyond the limit of 4.25"):
+        schedule(slow).require_within(slow.limits)
+
+
+@pytest.mark.parametrize("feed", ["", "[[feed]]\ntime_ms = 100.0\noverride = 0.3\n[[feed]]\ntime_ms = 700.0\noverride = 1.0\n"])
+def test_the_planners_clock(feed: str) -> None:
+    run = schedule(sequence(HEAD + feed))
+    nominal = schedule(sequence())
+    begins = [clock for o in nominal.operations for clock in (o.begin_ms, o.start_ms, o.end_ms)]
+    times = [time for o in run.operations for time in (o.begin_ms, o.start_ms, o.end_ms)]
+    np.testing.assert_allclose(1000.0 * run.clock.at(np.array(times) / 1000.0), begins, atol=1e-9)
+    late = np.array(times) - begins
+    if feed:  # 0.7 of 600 ms are lost in the end: the filter gives back when it speeds up what it takes when it slows down
+        assert late[0] == 0.0
+        assert late[-1] == pytest.approx(420.0, abs=1e-6)
+    else:
+        assert (late == 0.0).all()
+
+
+def test_a_clock_that_stands_still_goes_on() -> None:
+    clock = FeedClock([(100, 0.0), (1100, 1.0)])
+    still = 1000.0 * float(clock.at(np.array([0.9]))[0])
+    assert still == pytest.approx(100.0 + 2 * 1000.0 / 50.0, abs=1e-6)  # 2/w: what the filter lets pass before it stands
+    assert clock.reaches(still - 1.0) < 900.0
+    assert clock.reaches(still + 1.0) > 1100.0
+    assert clock.reaches(500.0) == pytest.approx(1500.0, abs=1e-6)
 
 
 def test_returns_are_as_high_as_the_higher_neighbour_and_bend_as_their_points_ask() -> None:
@@ -86,7 +155,7 @@ parts = [
 ]
 """
     moves = sequence(HEAD, parts).moves
-    assert [(move.name, move.dwell_ms) for move in moves] == [("part 1", 20), ("part 2", 30), ("return after part 2", 10)]
+    assert [(move.name, move.task.dwell) for move in moves] == [("part 1", 0.02), ("part 2", 0.03), ("return after part 2", 0.01)]
 
 
 def test_the_scenario_that_a_cell_publishes_is_the_scenario() -> None:
