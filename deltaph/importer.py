@@ -7,10 +7,11 @@ so that this exchange shows no millisecond of lag as tracking error.
 from __future__ import annotations
 
 import contextlib
+import math
 import tempfile
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -82,7 +83,7 @@ def planner_values(scenario: Scenario) -> dict[str, float]:
 def plant_values(scenario: Scenario) -> dict[str, float]:
     """Parameters and first inputs of the plant."""
     start = {f"start.{axis}": value for axis, value in zip("xyz", scenario.task.pick, strict=True)}
-    return {**scenario.robot.parameters, **scenario.plant, **start, "payload.mass": scenario.payload}
+    return {**scenario.robot.parameters, **scenario.plant, **start, "payload.mass": scenario.first_payload}
 
 
 class _Link:
@@ -135,14 +136,20 @@ class _Requests:
             raise DeltaphError(f"operation {self._begun} ({move.name}) should begin at step {step}, but the planner FMU {why}")
 
 
-class _Inputs:
-    """Sets plant inputs when the time of a fault has come, or when a part comes into the gripper or leaves it."""
+def _events(scenario: Scenario, run: Schedule) -> list[Fault]:
+    """What happens to the plant, in order of time: faults, and parts that come into the gripper and leave it."""
+    parts = [Fault(time, {"payload.mass": mass}) for time, mass in run.payload_changes[1:]]
+    return sorted((*parts, *scenario.faults), key=lambda event: event.time)
 
-    def __init__(self, plant: Slave, scenario: Scenario, run: Schedule) -> None:
+
+class _Faults:
+    """Sets plant inputs when the time of a fault has come."""
+
+    def __init__(self, plant: Slave, faults: Sequence[Fault], communication_step_ms: int) -> None:
         self._plant = plant
-        changes = [Fault(time, {"payload.mass": mass}) for time, mass in run.payload_changes[1:]]
-        events = sorted((*changes, *scenario.faults), key=lambda event: event.time)
-        self._pending = deque((run.step_at(1000.0 * event.time), event.inputs) for event in events)
+        step = communication_step_ms / 1000.0
+        # a time on the grid is meant to be on it, whatever rounding says
+        self._pending = deque((math.ceil(fault.time / step - 1e-9), fault.inputs) for fault in faults)
 
     def set(self, step: int) -> None:
         while self._pending and self._pending[0][0] <= step:
@@ -175,24 +182,25 @@ def cosimulate(
     frames = Frames(run.steps + 1) if frames is None else frames
     with tempfile.TemporaryDirectory(prefix="deltaph-") as directory, contextlib.ExitStack() as stack:
         if realtime is not None:
-            _warm_up(scenario, run, fmus, Path(directory) / "warm-up", size)
-        planner, plant, link = _cell(scenario, run, fmus, Path(directory), stack)
-        requests, inputs = _Requests(planner, run), _Inputs(plant, scenario, run)
+            _warm_up(scenario, fmus, Path(directory) / "warm-up", size)
+        planner, plant, link = _cell(scenario, fmus, Path(directory), stack)
+        requests = _Requests(planner, run)
+        faults = _Faults(plant, _events(scenario, run), run.communication_step_ms)
         pacer = None
         if realtime is not None:
             pacer = Pacer(run.communication_step_ms * 1_000_000)
             stack.enter_context(undisturbed(realtime))
-        yield from _loop(planner, plant, link, requests, inputs, run.steps, size, frames, pacer, dropped)
+        yield from _loop(planner, plant, link, requests, faults, run.steps, size, frames, pacer, dropped)
 
 
 def _cell(
-    scenario: Scenario, run: Schedule, fmus: Mapping[Model, Path], directory: Path, stack: contextlib.ExitStack
+    scenario: Scenario, fmus: Mapping[Model, Path], directory: Path, stack: contextlib.ExitStack
 ) -> tuple[Slave, Slave, _Link]:
     """Both FMUs in their initial state, and what links them."""
     planner = stack.enter_context(Slave("planner", fmus["planner"], directory))
     plant = stack.enter_context(Slave("plant", fmus["plant"], directory))
     planner.set(planner_values(scenario))
-    plant.set(plant_values(scenario) | {"payload.mass": run.payload_changes[0][1]})
+    plant.set(plant_values(scenario))
     link = _Link(planner, plant)
     planner.initialize(0.0)
     planner.start()
@@ -209,9 +217,9 @@ WARM_UP_STEPS = 50
 """Enough for every page of code and data that a step touches; other instances take them: the run's state is untouched."""
 
 
-def _warm_up(scenario: Scenario, run: Schedule, fmus: Mapping[Model, Path], directory: Path, size: float) -> None:
+def _warm_up(scenario: Scenario, fmus: Mapping[Model, Path], directory: Path, size: float) -> None:
     with contextlib.ExitStack() as stack:
-        planner, plant, link = _cell(scenario, run, fmus, directory, stack)
+        planner, plant, link = _cell(scenario, fmus, directory, stack)
         pacer = Pacer(round(size * 1e9))
         pacer.begin()
         for n in range(WARM_UP_STEPS):
@@ -229,7 +237,7 @@ def _loop(
     plant: Slave,
     link: _Link,
     requests: _Requests,
-    inputs: _Inputs,
+    faults: _Faults,
     steps: int,
     size: float,
     frames: Frames,
@@ -247,7 +255,7 @@ def _loop(
         if n > 0:
             t = (n - 1) * size
             requests.post(n - 1)
-            inputs.set(n - 1)
+            faults.set(n - 1)
             link.move()
             plant.write()
             t0 = clock()

@@ -122,7 +122,9 @@ def _planning_us(scenario: Scenario) -> float:
 
 def _claims(proposed: _Done, comparison: _Done, equal: _Done) -> list[Claim]:
     p, c, e = proposed.plan, comparison.plan, equal.plan
-    rotated = [Plan.of(replace(d.scenario, task=_rotated(d.scenario.task))).corner_deviation[0] for d in (proposed, comparison)]
+    rotated = [
+        Plan(d.scenario.robot, _rotated(d.scenario.task), d.scenario.law).corner_deviation[0] for d in (proposed, comparison)
+    ]
     overlaps = [1e3 * _deviation(comparison.scenario, overlap) for overlap in (0.25, 0.5, 0.75)]
     speeds = [1e3 * _deviation(comparison.scenario, 0.5, speed) for speed in (0.5, 1.0, 1.5)]
     torque, acceleration, motor = (

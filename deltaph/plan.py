@@ -84,6 +84,12 @@ class Violation:
     unit: str
 
 
+def time_grid(duration_ms: int, step_ms: float) -> FloatArray:
+    """Times from 0 to the end [s], `step_ms` apart; the end is always one of them."""
+    count = math.ceil(duration_ms / step_ms - 1e-9)
+    return np.append(np.arange(count) * step_ms, duration_ms) / 1000.0
+
+
 _local = threading.local()
 
 
@@ -252,8 +258,7 @@ class Plan:
 
     def grid(self, step_ms: float = 1.0) -> FloatArray:
         """Times from 0 to the end [s], `step_ms` apart; the end is always one of them."""
-        count = math.ceil(self.duration_ms / step_ms - 1e-9)
-        return np.append(np.arange(count) * step_ms, self.duration_ms) / 1000.0
+        return time_grid(self.duration_ms, step_ms)
 
     def violations(self, limits: Limits) -> list[Violation]:
         """The peaks beyond their limits."""

@@ -193,6 +193,11 @@ class Scenario:
         return self.moves[0].payload
 
     @property
+    def first_payload(self) -> float:
+        """What is in the gripper at the very beginning: nothing where it has to rest to grip [kg]."""
+        return 0.0 if self.task.dwell else self.payload
+
+    @property
     def declared_payload(self) -> float:
         """What the planner is told of it [kg]."""
         return self.moves[0].declared_payload
@@ -315,7 +320,7 @@ def _moves(file: ScenarioFile) -> Iterator[Move]:
         yield carrying(f"part {k + 1}", k + 1, task, part["payload_mass"])
         following = tasks[0 if k == last else k + 1]
         if task.place != following.pick:
-            yield Move(f"return after part {k + 1}", k + 1, True, _return(task, following, part["release"]), 0.0, 0.0)
+            yield Move(f"return {k + 1}", k + 1, True, _return(task, following, part["release"]), 0.0, 0.0)
 
 
 def _return(task: Task, following: Task, dwell: float) -> Task:

@@ -338,9 +338,7 @@ class ScenarioFile(Section):
     @model_validator(mode="after")
     def _arrives(self) -> Self:
         if self.feed and (last := max(self.feed, key=lambda feed: feed.time_ms).override) < _LEAST_LAST_OVERRIDE:
-            raise ValueError(
-                f"feed: the last override is {last:g}, too slow to arrive: end with at least {_LEAST_LAST_OVERRIDE:g}"
-            )
+            raise ValueError(f"feed: the last override is {last:g}, too slow to arrive: end with at least {_LEAST_LAST_OVERRIDE:g}")
         return self
 
 

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 from deltaph.errors import InfeasibleError
-from deltaph.feed import FeedClock
-from deltaph.plan import Plan
+from deltaph.feed import FeedClock, FloatArray
+from deltaph.plan import Plan, time_grid
 from deltaph.scenario import Limits, Move, Scenario
 
 
@@ -45,6 +45,7 @@ class Schedule:
         communication_step_ms: [ms].
         feed: overrides in order, as (communication point, value).
         clock: the planner's.
+        first_payload: what is in the gripper at the beginning [kg].
     """
 
     operations: tuple[Operation, ...]
@@ -53,6 +54,7 @@ class Schedule:
     communication_step_ms: int
     feed: tuple[tuple[int, float], ...]
     clock: FeedClock
+    first_payload: float
 
     @property
     def arrival_step(self) -> int:
@@ -69,9 +71,19 @@ class Schedule:
         return math.ceil(ms / self.communication_step_ms - 1e-6)
 
     @property
+    def pass_ms(self) -> int:
+        """What a pass takes as it is planned, rests included [ms]."""
+        last = self.one_pass[-1]
+        return last.clock_ms + last.plan.duration_ms
+
+    @property
     def cycle_time(self) -> float:
-        """Of a pass as it is planned, rests included [s]."""
-        return sum(operation.plan.dwell_ms + operation.plan.duration_ms for operation in self.one_pass) / 1000.0
+        """The same [s]."""
+        return self.pass_ms / 1000.0
+
+    def grid(self, step_ms: float = 1.0) -> FloatArray:
+        """Times of a pass as it is planned, from 0 to the end [s], `step_ms` apart; the end is always one of them."""
+        return time_grid(self.pass_ms, step_ms)
 
     @property
     def parts_per_minute(self) -> float:
@@ -81,8 +93,7 @@ class Schedule:
     @property
     def payload_changes(self) -> list[tuple[float, float]]:
         """What the gripper really carries, as (from when [s], mass [kg]): a part comes and goes half-way through a rest."""
-        first = self.operations[0]
-        changes = [(0.0, 0.0 if first.plan.dwell_ms else first.move.payload)]
+        changes = [(0.0, self.first_payload)]
         for operation in self.operations:
             if operation.move.payload != changes[-1][1]:
                 changes.append((0.0005 * (operation.begin_ms + operation.start_ms), operation.move.payload))
@@ -125,7 +136,7 @@ def schedule(scenario: Scenario, cycles: int | None = None) -> Schedule:
         operations.append(Operation(move, plan, begin, start, end, elapsed + plan.dwell_ms, request))
         elapsed += plan.dwell_ms + plan.duration_ms
     steps = math.ceil((operations[-1].end_ms + 1000.0 * scenario.settle) / step - 1e-6)
-    return Schedule(tuple(operations), len(passes), steps, step, feed, clock)
+    return Schedule(tuple(operations), len(passes), steps, step, feed, clock, scenario.first_payload)
 
 
 def _plan(scenario: Scenario, move: Move) -> Plan:

@@ -33,7 +33,7 @@ def test_scenario_meets_its_expectations(path: Path) -> None:
         return
     run = schedule(scenario)
     execution = evaluate(Trace(frames_of(scenario, run)), run)
-    values = planned_values(run.operations[0].plan) | executed_values(execution)
+    values = planned_values(run) | executed_values(execution)
     checks = evaluate_expectations(scenario.expect, values, execution.trip)
     assert checks
     assert [check for check in checks if not check.ok] == []

@@ -46,7 +46,7 @@ def sequence(head: str = HEAD, parts: str = PARTS) -> Scenario:
 def test_every_part_is_followed_by_the_empty_way_to_the_next_and_the_last_to_the_first() -> None:
     moves = sequence().moves
     assert [move.name for move in moves] == [
-        "part 1", "return after part 1", "part 2", "return after part 2", "part 3", "return after part 3",
+        "part 1", "return 1", "part 2", "return 2", "part 3", "return 3",
     ]  # fmt: skip
     for move, following in zip(moves, [*moves[1:], moves[0]], strict=True):
         assert move.task.place == following.task.pick
@@ -101,7 +101,7 @@ def test_a_part_that_cannot_be_planned_is_named() -> None:
     with pytest.raises(InfeasibleError, match=r"^part 2: the traverse would not be level.*change a lift height by 20 mm"):
         schedule(sequence(HEAD, PARTS.replace("lift_place_mm = 30.0, ", "")))
     beside = PARTS.replace("pick_mm = [-150, 40, -800], place_mm = [150,", "pick_mm = [150, 5, -800], place_mm = [-150,")
-    with pytest.raises(InfeasibleError, match=r"^return after part 1: the corners take .* only 5 mm apart"):
+    with pytest.raises(InfeasibleError, match=r"^return 1: the corners take .* only 5 mm apart"):
         schedule(sequence(HEAD, beside))
     slow = sequence(HEAD + "[limits]\njoint_velocity_rad_s = 4.25\n")
     with pytest.raises(InfeasibleError, match=r"^part 1: joint \d velocity reaches .* beyond the limit of 4.25"):
@@ -155,7 +155,7 @@ parts = [
 ]
 """
     moves = sequence(HEAD, parts).moves
-    assert [(move.name, move.task.dwell) for move in moves] == [("part 1", 0.02), ("part 2", 0.03), ("return after part 2", 0.01)]
+    assert [(move.name, move.task.dwell) for move in moves] == [("part 1", 0.02), ("part 2", 0.03), ("return 2", 0.01)]
 
 
 def test_the_scenario_that_a_cell_publishes_is_the_scenario() -> None:
