@@ -150,7 +150,8 @@ def print_plan(console: Console, scenario: Scenario, run: Schedule) -> None:
 
 def sequence_text(scenario: Scenario, run: Schedule) -> str:
     """How much of a sequence is done how fast."""
-    return f"{scenario.parts} parts in {run.cycle_time:.3f} s: {run.parts_per_minute:.1f} parts per minute"
+    parts = f"{scenario.parts} part{'s' if scenario.parts > 1 else ''}"
+    return f"{parts} in {run.cycle_time:.3f} s: {run.parts_per_minute:.1f} parts per minute"
 
 
 def payload_text(scenario: Scenario) -> str:
@@ -307,6 +308,9 @@ def print_run(
     _print_corners(console, report, deviation_tolerance(scenario))
 
     facts = Table.grid(padding=(0, 2))
+    if scenario.feed and execution.arrival is not None:
+        late = execution.arrival - run.operations[-1].clock_ms / 1e3 - run.operations[-1].plan.duration
+        facts.add_row("arrival, later than planned by the feed", f"{1e3 * execution.arrival:g} ms, {1e3 * late:g} ms")
     facts.add_row("largest excursion outside the right angles", f"{1e3 * execution.overshoot:.4f} mm")
     facts.add_row(
         "tracking error, largest",

@@ -295,8 +295,16 @@ class ExpectSection(Section):
         return self
 
 
+_POINTS_WITHOUT_SEQUENCE = {
+    "if": {"not": {"required": ["sequence"]}},
+    "then": {"properties": {"task": {"required": ["pick_mm", "place_mm"]}}},
+}
+
+
 class ScenarioFile(Section):
     """A deltaph scenario."""
+
+    model_config = ConfigDict(json_schema_extra=_POINTS_WITHOUT_SEQUENCE)
 
     schema_: Literal[1] = Field(alias="schema", description="version of this form")
     title: Annotated[str, MinLen(1)]

@@ -71,7 +71,8 @@ def _pace(facts: Mapping[str, Any]) -> str:
     if sequence is None:
         return f"{1e3 * facts['plan']['duration_s']:g} ms"
     rate = f"{sequence['parts_per_minute']:.1f} parts per minute"
-    return f"{sequence['parts']} parts in {len(facts['operations'])} operations, {sequence['cycle_time_s']:.3f} s, **{rate}**"
+    parts = f"{sequence['parts']} part{'s' if sequence['parts'] > 1 else ''}"
+    return f"{parts} in {len(facts['operations'])} operations, {sequence['cycle_time_s']:.3f} s, **{rate}**"
 
 
 def _place(corner: Mapping[str, Any], facts: Mapping[str, Any]) -> str:
