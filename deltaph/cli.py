@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-import shutil
 import signal
-import subprocess
 import sys
 from importlib.metadata import version
 from pathlib import Path
@@ -15,7 +13,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from deltaph.errors import DeltaphError, EnvironmentProblem, InfeasibleError, ScenarioError
+from deltaph.errors import DeltaphError, InfeasibleError, ScenarioError
 from deltaph.files import STDOUT, check_writable, replace, write_text
 
 app = typer.Typer(
@@ -242,26 +240,34 @@ def record(
 
 
 @app.command()
-def view(file: Annotated[Path, typer.Argument(metavar="FILE.rrd", help="recording to open")]) -> None:
-    """Open a recording in the Rerun viewer. One whose writer was killed is opened as a repaired copy, which is left beside it.
+def view(
+    file: Annotated[Path | None, typer.Argument(metavar="[FILE.rrd]", help="recording to open", show_default=False)] = None,
+    live: Annotated[bool, typer.Option("--live", help="show a running cell instead: the same, while it happens")] = False,
+    connect: ConnectOption = None,
+    cell: Annotated[str, typer.Option("--cell", metavar="NAME", help="name of the cell")] = "cell1",
+    url: Annotated[
+        str | None,
+        typer.Option(
+            "--url", metavar="URL", help="a viewer that runs, rerun+http://127.0.0.1:9876/proxy for one; without it: a new one"
+        ),
+    ] = None,
+) -> None:
+    """Open a recording in the Rerun viewer, or show a running cell. The viewer of a cell stays when the cell goes.
+
+    A recording whose writer was killed is opened as a repaired copy, which is left beside it.
 
     Example: deltaph view paper.rrd
+    Example: deltaph view --live   (then, elsewhere: deltaph run scenarios/paper.toml --realtime --wait-subscribers 1)
     """
-    from deltaph.telemetry.repair import is_whole, repair
+    from deltaph.view import view_cell, view_file
 
-    if not file.is_file():
-        raise EnvironmentProblem(f"there is no recording {file}: write one with `deltaph run SCENARIO --record {file}`")
-    viewer = shutil.which("rerun", path=str(Path(sys.executable).parent)) or shutil.which("rerun")
-    if viewer is None:
-        raise EnvironmentProblem("the Rerun viewer is missing: install rerun-sdk again")
-    if not is_whole(file):
-        repaired = file.with_suffix(".repaired.rrd")
-        check_writable(repaired)
-        replace(repaired, lambda path: repair(file, path))
-        note = f"{file} was not finished: what could be read of it is in {repaired}, which is opened"
-        Console(stderr=True).print(note, style="dim", soft_wrap=True)
-        file = repaired
-    raise typer.Exit(subprocess.run([viewer, str(file), "--bind", "127.0.0.1"], check=False).returncode)
+    if (file is not None) == live:
+        raise DeltaphError("give either a recording, FILE.rrd, or --live")
+    if file is not None:
+        if connect or url:
+            raise DeltaphError("--connect and --url are for a running cell: add --live, and leave out the recording")
+        raise typer.Exit(view_file(file, Console(stderr=True)))
+    view_cell(cell, tuple(connect or ("tcp/127.0.0.1:7447",)), url, Console(stderr=True))
 
 
 @app.command()

@@ -114,11 +114,12 @@ def _corner_facts(corner: CornerPass) -> dict[str, Any]:
     }
 
 
-def timing_facts(trace: Trace) -> dict[str, Any]:
+def timing_facts(trace: Trace, *, realtime: bool) -> dict[str, Any]:
     """The `timing` object of `run --json`; frame 0 is not a step."""
     steps = trace.timing_of("planner_step")[1:] + trace.timing_of("plant_step")[1:]
     lateness_us = 1e6 * trace.timing_of("lateness")[1:]
     return {
+        "realtime": realtime,
         "step_us": percentiles(steps),
         "publish_us": percentiles(trace.timing_of("publish")[2:]),
         "lateness_us": percentiles(1e-6 * lateness_us),
@@ -324,7 +325,7 @@ def print_run(
     if execution.trip_time is not None:
         axis = f" of axis {execution.trip_axis}" if execution.trip_axis else ""
         facts.add_row("[bold red]trip[/]", f"{execution.trip}{axis} at {1e3 * execution.trip_time:g} ms")
-    timing = timing_facts(trace)
+    timing = timing_facts(trace, realtime=realtime)
     facts.add_row("step of both FMUs", f"median {timing['step_us']['p50']:.0f} us, 99 % {timing['step_us']['p99']:.0f} us")
     facts.add_row("real-time factor", f"{timing['real_time_factor']:.2f}")
     if realtime:

@@ -124,7 +124,7 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
             "sequence": sequence_facts(scenario, run),
             "operations": operation_facts(run, execution),
             "executed": executed_facts(execution),
-            "timing": timing_facts(trace),
+            "timing": timing_facts(trace, realtime=options.realtime is not None),
             "telemetry": {
                 "published": publisher.published if publisher is not None else 0,
                 "dropped": publishing.dropped if publishing is not None else 0,

@@ -295,7 +295,7 @@ class ExpectSection(Section):
         return self
 
 
-_POINTS_WITHOUT_SEQUENCE = {
+_POINTS_WITHOUT_SEQUENCE: dict[str, Any] = {
     "if": {"not": {"required": ["sequence"]}},
     "then": {"properties": {"task": {"required": ["pick_mm", "place_mm"]}}},
 }

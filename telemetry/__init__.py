@@ -1,6 +1,6 @@
 """Telemetry: messages over Zenoh, and recordings. It sees frames and variable tables only.
 
-`Recorder` is imported when it is asked for: Rerun takes a second to import.
+`Recorder` and `Destination` are imported when they are asked for: Rerun takes a second to import.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from deltaph.telemetry.session import DEFAULT_ENDPOINT, open_router_session
 from deltaph.telemetry.subscriber import Message, Subscriber
 
 if TYPE_CHECKING:
+    from deltaph.telemetry.destination import Destination
     from deltaph.telemetry.recording import Recorder
 
 __all__ = [
@@ -25,6 +26,7 @@ __all__ = [
     "MESSAGE_NAMES",
     "BackgroundSink",
     "CellKeys",
+    "Destination",
     "EventKind",
     "Layout",
     "Message",
@@ -44,4 +46,8 @@ def __getattr__(name: str) -> Any:
         from deltaph.telemetry.recording import Recorder
 
         return Recorder
+    if name == "Destination":
+        from deltaph.telemetry.destination import Destination
+
+        return Destination
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

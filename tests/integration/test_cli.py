@@ -154,6 +154,9 @@ def test_bad_scenarios(tmp_path: Path, old: str, new: str, code: int, words: lis
         (["build", "--platform", "amiga"], ["amiga"]),
         (["record", "-o", "x.rrd", "--cell", "a/b"], ["'a/b'", "letters, digits"]),
         (["view", "none.rrd"], ["there is no recording none.rrd"]),
+        (["view"], ["FILE.rrd", "--live"]),
+        (["view", "none.rrd", "--live"], ["FILE.rrd", "--live"]),
+        (["view", "none.rrd", "--url", "rerun+http://127.0.0.1:9876/proxy"], ["--url", "add --live"]),
         (["fly"], ["No such command"]),
     ],
 )
