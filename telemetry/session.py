@@ -66,7 +66,8 @@ class _Settings:
 
     def __init__(self, mode: str, file: Path | None) -> None:
         if "RUST_LOG" in os.environ:
-            zenoh.try_init_log_from_env()  # Zenoh's own log, on standard output; whom it refuses is told there and nowhere else
+            # Zenoh's own log, on standard output: whom it refuses is told there and nowhere else.
+            zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
         self._file = file
         self._mode = mode
         self._given: dict[str, Any] = {}
