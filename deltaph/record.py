@@ -13,7 +13,7 @@ from deltaph.errors import DeltaphError
 from deltaph.scenario import scenario_from_json
 from deltaph.scene import corner_marks, scene_of
 from deltaph.telemetry import CellKeys, Destination, Recorder, Subscriber
-from deltaph.verdict import summary_markdown
+from deltaph.verdict import serving_markdown, summary_markdown
 
 
 def follow_cell(
@@ -55,7 +55,10 @@ def follow_cell(
             log.print("interrupted: the recording ends here", style="dim", soft_wrap=True)
         if subscriber.summary is not None:
             facts = subscriber.summary
-            recorder.summary(summary_markdown(scenario, facts), json.dumps(facts), corner_marks(facts, scene))
+            if "commands" in facts:  # of a cell that served
+                recorder.summary(serving_markdown(scenario, facts), json.dumps(facts))
+            else:
+                recorder.summary(summary_markdown(scenario, facts), json.dumps(facts), corner_marks(facts, scene))
     found = f"{subscriber.received['actual']} frames, {sum(subscriber.missing.values()) or 'no'} messages lost"
     return found if subscriber.summary is not None else f"{found}, without the cell's end"
 

@@ -6,6 +6,8 @@ import re
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from deltaph.frame import Command
+
 MessageName = Literal["setpoint", "actual", "timing", "plan", "event"]
 QueryName = Literal["schema", "plan", "scenario", "summary"]
 
@@ -43,6 +45,15 @@ class CellKeys:
     def everything(self) -> str:
         """Key expression of all the cell's messages."""
         return f"deltaph/{self.cell}/*"
+
+    @property
+    def commands(self) -> str:
+        """Key expression of all commands to the cell."""
+        return f"deltaph/{self.cell}/command/*"
+
+    def command(self, name: Command) -> str:
+        """The key of a command to the cell."""
+        return f"deltaph/{self.cell}/command/{name}"
 
     @property
     def publishers(self) -> str:

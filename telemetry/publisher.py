@@ -86,6 +86,11 @@ class Publisher:
         self._queryables = [self._session.declare_queryable(self._keys.of(name), self._answering(name)) for name in QUERY_NAMES]
         self._token = self._session.liveliness().declare_token(self._keys.token)
 
+    @property
+    def session(self) -> zenoh.Session:
+        """The cell's session, for what else it offers."""
+        return self._session
+
     def take(self, frame: Frame) -> None:
         """Publish a frame, what happened since the last one, and the plan where one was accepted or refused."""
         decided = int(frame.planner_integers[self._count]), int(frame.planner_integers[self._refused])

@@ -216,18 +216,20 @@ def is_alive(token: str, connect: Sequence[str] = (), config: Path | None = None
     return False
 
 
-def replies(session: zenoh.Session, selector: str, timeout: float) -> list[zenoh.Reply]:
+def replies(session: zenoh.Session, selector: str, timeout: float, payload: bytes | None = None) -> list[zenoh.Reply]:
     """Ask, and wait for all replies.
 
     Args:
         session: that asks.
         selector: whom, and what for.
         timeout: [s].
+        payload: JSON that goes with it.
 
     Returns:
         the replies that came, in their order.
     """
-    return collected(partial(session.get, selector, timeout=timeout), timeout)
+    encoding = None if payload is None else zenoh.Encoding.APPLICATION_JSON
+    return collected(partial(session.get, selector, timeout=timeout, payload=payload, encoding=encoding), timeout)
 
 
 def collected(ask: Callable[[Any], object], timeout: float) -> list[zenoh.Reply]:

@@ -133,7 +133,7 @@ class Subscriber:
         """
         if not self._alive.wait(timeout):
             raise EnvironmentProblem(f"cell {self._keys.cell} did not appear within {timeout:g} s")
-        if self.ask("schema") != schema_document():
+        if self.ask("schema").get("messages") != schema_document()["messages"]:
             raise EnvironmentProblem(
                 f"the messages of cell {self._keys.cell} are not this version's: use the same deltaph on both sides"
             )
