@@ -42,7 +42,21 @@ def table(path: Path) -> list[dict[str, str]]:
 
 def test_version_and_help(tmp_path: Path) -> None:
     assert deltaph("--version", cwd=tmp_path).stdout.startswith("deltaph ")
-    for command in ("init", "schema", "plan", "build", "run", "record", "view", "compare", "export", "paper", "header", "bench"):
+    for command in (
+        "init",
+        "schema",
+        "plan",
+        "build",
+        "run",
+        "record",
+        "command",
+        "view",
+        "compare",
+        "export",
+        "paper",
+        "header",
+        "bench",
+    ):
         result = deltaph(command, "--help", cwd=tmp_path)
         assert result.returncode == 0, result.stderr
         assert "Usage" in result.stdout
