@@ -25,8 +25,8 @@ from deltaph.kernel import status_sentence
 from deltaph.pacing import Undisturbed
 from deltaph.plan import Plan
 from deltaph.report import print_serving
-from deltaph.run import QUEUE_FRAMES, Options, open_publisher, open_recorder
-from deltaph.scenario import Pair, Scenario, Task, load_scenario
+from deltaph.run import QUEUE_FRAMES, Options, load_cell, open_publisher, open_recorder
+from deltaph.scenario import Pair, Scenario, Task
 from deltaph.slave import Slave
 from deltaph.tally import Begun, Tally
 from deltaph.telemetry import BackgroundSink, CommandService, FeedFacts, PlanFacts, PpoRequest, RefusedPlan, Reply
@@ -400,7 +400,7 @@ def serve_scenario(path: Path, options: Options, console: Console, log: Console)
     Raises:
         DeltaphError: the scenario or the machine do not allow it.
     """
-    scenario = load_scenario(path)
+    scenario = load_cell(path, options)
     Plan.of(scenario).require_within(scenario.limits)  # what commands leave out comes from a task that is possible
     with log.status("building the FMUs"):
         fmus = cached_fmus()

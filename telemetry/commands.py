@@ -8,6 +8,7 @@ from __future__ import annotations
 import reprlib
 import threading
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from types import TracebackType
 from typing import Annotated, Any, Protocol, Self
 
@@ -18,7 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import COMMANDS, NO_COMMANDS, OUTCOMES, Command, Outcome
 from deltaph.telemetry.keys import CellKeys
-from deltaph.telemetry.session import DEFAULT_ENDPOINT, open_client_session, replies
+from deltaph.telemetry.session import open_client_session, replies
 
 MAX_REQUEST = 4096
 """A request is refused unread beyond this [bytes]."""
@@ -307,17 +308,18 @@ class CommandClient:
 
     Args:
         cell: name of the cell.
-        connect: endpoints to connect to; the first that answers is taken.
+        connect: endpoints to connect to, the first that answers is taken; without any those of `config`, or the default one.
         timeout: for the connection [s]; None waits for ever.
+        config: a Zenoh configuration file, such as one with TLS.
 
     Raises:
         ValueError: the cell's name does not fit into a key.
-        EnvironmentProblem: nothing answers, or an endpoint is none.
+        EnvironmentProblem: nothing answers, an endpoint is none, or the file is no configuration.
     """
 
-    def __init__(self, cell: str, connect: Sequence[str] = (DEFAULT_ENDPOINT,), timeout: float | None = None) -> None:
+    def __init__(self, cell: str, connect: Sequence[str] = (), timeout: float | None = None, config: Path | None = None) -> None:
         self._keys = CellKeys(cell)
-        self._session = open_client_session(connect, timeout)
+        self._session = open_client_session(connect, timeout, config)
 
     def __enter__(self) -> Self:
         return self

@@ -55,6 +55,15 @@ class CellKeys:
         """The key of a command to the cell."""
         return f"deltaph/{self.cell}/command/{name}"
 
+    @property
+    def publishers(self) -> str:
+        """Key expression of the tokens of the messages' publishers: `deltaph/{cell}/{message}/@adv/pub/{session}/{entity}/_`."""
+        return f"deltaph/{self.cell}/*/@adv/**"
+
+    def kept(self, name: MessageName, session: str, entity: int) -> str:
+        """Where a publisher, which is an entity of a session, answers with the messages that it keeps."""
+        return f"{self.of(name)}/@adv/pub/{session}/{entity}/**"
+
     def of(self, name: MessageName | QueryName) -> str:
         """The key of a message, or of a query."""
         return f"deltaph/{self.cell}/{name}"
