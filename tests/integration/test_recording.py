@@ -4,6 +4,7 @@ import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import rerun_cli
 from integration.read_back import Recording, assert_same_rows
 from integration.synthetic_cell import DEVIATION, FOREARM, RIGHT_ANGLE_PATH, elbows, frames, scene, values_of
 from numpy.typing import NDArray
+from rerun.chunk import RrdReader
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import TIMING, Frame
@@ -65,7 +67,31 @@ def verify(path: Path) -> None:
 def test_verify_passes_and_the_blueprint_is_inside(file: Path, recording: Recording) -> None:
     verify(file)
     assert recording.recording.application_id == "deltaph"
-    assert [entry.application_id for entry in recording.blueprints] == ["deltaph"]
+    assert {entry.application_id for entry in recording.blueprints} == {"deltaph"}
+
+
+def test_last_blueprint_has_ranges_that_show_what_was_recorded(file: Path, recording: Recording) -> None:
+    reader = RrdReader(file)
+    last = max(recording.blueprints, key=lambda entry: max(newest(chunk) for chunk in reader.stream(store=entry)))
+    titles, ranges = {}, {}
+    for chunk in reader.stream(store=last):
+        batch = chunk.to_record_batch()
+        if "ViewBlueprint:display_name" in batch.schema.names:
+            titles[chunk.entity_path] = batch.column("ViewBlueprint:display_name")[0].as_py()[0]
+        if "ScalarAxis:range" in batch.schema.names:
+            ranges[chunk.entity_path.removesuffix("/ScalarAxis")] = batch.column("ScalarAxis:range")[0].as_py()[0]
+    for words, entity in (("Tool tracking error", "/plot/tcp/tracking_error"), ("Motor torque", "/motor/torque/actual")):
+        ((low, high),) = (ranges[view] for view, title in titles.items() if title.startswith(words))
+        values = recording.scalars(entity)
+        assert low < values.min()
+        assert high > values.max()
+        assert high - low < 4.0 * np.ptp(values)
+
+
+def newest(chunk: Any) -> int:
+    """Wall clock of a chunk of a blueprint [ns]."""
+    batch = chunk.to_record_batch()
+    return int(batch.column("log_time")[-1].value) if "log_time" in batch.schema.names else 0
 
 
 @pytest.mark.parametrize("quantity", ["position", "velocity", "acceleration", "torque"])

@@ -1,0 +1,31 @@
+"""Ranges of plots whose axes can be read."""
+
+from __future__ import annotations
+
+import math
+
+_LABELS = 6.0
+"""The viewer writes numbers at whole multiples of a power of ten, where no more than so many share the height of a plot."""
+
+_MARGIN = 0.05
+"""Beyond the values at either end, in parts of their range."""
+
+
+def labelled(low: float, high: float) -> tuple[float, float]:
+    """A range that holds these values, and at least two numbers at its axis, so that its scale is told."""
+    if low == high:
+        low, high = min(low, 0.0), max(high, 0.0)
+    if low == high:
+        return -1.0 - _MARGIN, 1.0 + _MARGIN
+    margin = _MARGIN * (high - low)
+    low, high = low - margin, high + margin
+    step = 10.0 ** math.floor(math.log10(high - low))
+    if (high - low) / step > _LABELS:
+        step *= 10.0
+    while math.floor(high / step) - math.ceil(low / step) < 1:
+        below, above = step * (math.ceil(low / step) - 1), step * (math.floor(high / step) + 1)
+        if low - below < above - high:
+            low = below - margin
+        else:
+            high = above + margin
+    return low, high
