@@ -89,7 +89,6 @@ def source(model: Model, table: VariableTable, token: str) -> str:
         f'    "{table.model}",',
         f'    "{token}",',
         "    sizeof(Model),",
-        "    MODEL_SCRATCH,",
         "    sizeof variables / sizeof *variables,",
         "    variables,",
         "};",

@@ -99,7 +99,7 @@ Instance *instance_create(const char *function, const char *name, const char *to
     }
     const size_t name_size = strlen(name) + 1;
     Instance *const self = calloc(1, sizeof(Instance) + name_size); /* the name lies behind the instance */
-    Snapshot *const now = calloc(1, snapshot_size() + model_info.scratch);
+    Snapshot *const now = calloc(1, snapshot_size());
     if (!self || !now) {
         free(self);
         free(now);

@@ -42,7 +42,6 @@ typedef struct {
     const char *identifier; /* model identifier */
     const char *token;      /* instantiation token; FMI 2: GUID */
     size_t size;            /* of the model structure [bytes] */
-    size_t scratch;         /* behind it; holds nothing between two calls, and no state keeps it [bytes] */
     size_t n_variables;
     const Variable *variables;
 } ModelInfo;

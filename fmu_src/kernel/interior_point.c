@@ -267,37 +267,44 @@ static void centre(dph_workspace *w, double mu)
         }
 }
 
-int dph_interior_point(dph_workspace *w, int iterations, double first_gap, double tolerance)
+void dph_interior_point_begin(dph_workspace *w, double first_gap)
 {
-    int terms, unknowns = 2 * (w->intervals + 1);
-    double duration, before = HUGE_VAL, reduction = 0.5;
+    int terms;
+    double duration;
     (void)measure(w, &terms, &duration);
     centre(w, first_gap * duration / terms);
-    for (int iteration = 0; iteration < iterations; ++iteration) {
-        double gap = measure(w, &terms, &duration);
-        if (gap < tolerance * duration) {
-            if (before - duration < still_moving * duration)
-                return 1;
-            centre(w, first_gap * duration / terms);
-            gap = first_gap * duration;
-        }
-        before = duration;
-        double mu = reduction * gap / terms, length[2];
-        assemble(w, iteration < CONVEX_ITERATIONS);
-        if (!factorize(w)) {
-            assemble(w, 1);
-            (void)factorize(w);
-        }
-        for (int i = 0; i < unknowns; ++i)
-            w->step[i] = w->objective[i] + mu * w->barrier[i];
-        solve(w, w->step);
-        follow(w, mu, length);
-        if (!isfinite(length[0]) || !isfinite(length[1]))
+    w->iteration = 0;
+    w->before = HUGE_VAL;
+    w->reduction = 0.5;
+}
+
+int dph_interior_point_iterate(dph_workspace *w, double first_gap, double tolerance)
+{
+    int terms, unknowns = 2 * (w->intervals + 1);
+    double duration, length[2], gap = measure(w, &terms, &duration);
+    if (gap < tolerance * duration) {
+        if (w->before - duration < still_moving * duration)
             return 0;
-        advance(w, length);
-        double shorter = length[0] < length[1] ? length[0] : length[1], rest = 1.0 - shorter;
-        reduction = rest * rest * rest;
-        reduction = reduction < 0.03 ? 0.03 : reduction > 0.9 ? 0.9 : reduction;
+        centre(w, first_gap * duration / terms);
+        gap = first_gap * duration;
     }
-    return 0;
+    w->before = duration;
+    double mu = w->reduction * gap / terms;
+    assemble(w, w->iteration < CONVEX_ITERATIONS);
+    if (!factorize(w)) {
+        assemble(w, 1);
+        (void)factorize(w);
+    }
+    for (int i = 0; i < unknowns; ++i)
+        w->step[i] = w->objective[i] + mu * w->barrier[i];
+    solve(w, w->step);
+    follow(w, mu, length);
+    if (!isfinite(length[0]) || !isfinite(length[1]))
+        return 0;
+    advance(w, length);
+    double shorter = length[0] < length[1] ? length[0] : length[1], rest = 1.0 - shorter;
+    w->reduction = rest * rest * rest;
+    w->reduction = w->reduction < 0.03 ? 0.03 : w->reduction > 0.9 ? 0.9 : w->reduction;
+    w->iteration += 1;
+    return 1;
 }

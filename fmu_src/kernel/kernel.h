@@ -34,7 +34,8 @@ typedef enum dph_status {
     DPH_STATUS_BUSY,
     DPH_STATUS_NOT_AT_PICK,
     DPH_STATUS_LIMIT_EXCEEDED,
-    DPH_STATUS_NO_LIMIT
+    DPH_STATUS_NO_LIMIT,
+    DPH_STATUS_PLANNING
 } dph_status;
 
 /* Phases of a PPO, numbered as Phase in ../planner/variables.toml. */
@@ -46,7 +47,8 @@ typedef enum dph_phase {
     DPH_PHASE_DECELERATE,
     DPH_PHASE_PLACE_CORNER,
     DPH_PHASE_LOWER,
-    DPH_PHASE_TRAVERSE
+    DPH_PHASE_TRAVERSE,
+    DPH_PHASE_DWELL
 } dph_phase;
 
 /* A refusal as facts: what was refused, where, how much it needs and how much there is. */
@@ -227,6 +229,7 @@ typedef struct dph_task {
     double pick[3], place[3];    /* [m] */
     double lift[2];              /* [m] */
     double corner_deviation[2];  /* prescribed [m] */
+    double dwell;                /* rest at the pick point before the motion [s] */
     double payload;              /* [kg] */
     dph_law law;
     double corner_entry_speed;   /* V_B; comparison: greatest vertical speed [m/s] */
@@ -260,6 +263,7 @@ typedef struct dph_plan {
     int duration_ms;             /* aligned duration [ms] */
     double duration;             /* the same [s] */
     double speed_factor;         /* nominal / aligned duration, at most 1 */
+    int dwell_ms;                /* dwell, rounded up to the same grid; it is no part of the duration: the motion begins at time 0 [ms] */
     double length;               /* arc length of the path [m] */
     double segment_arc[7];       /* arc length at the ends of lift, corners, halves of the traverse, lowering; not of comparison [m] */
     double corner_deviation[2];  /* vertex to path, by construction or found [m]; 0 where there is no lift and so no corner */
@@ -276,7 +280,8 @@ typedef struct dph_plan {
     double b_slope[DPH_PIECES + 1];   /* db/dx there [1/s^2] */
 } dph_plan;
 
-/* Scratch memory of a planner: holds nothing between two calls. */
+/* Memory of a planner: where planning in slices stands, and the time-optimal law's solver. It means something from dph_plan_begin until
+ * the verdict, and nothing before and after. */
 typedef struct dph_workspace dph_workspace;
 
 /* Size of a workspace [bytes], below 2^19; any memory that is aligned for double will do. */
@@ -303,12 +308,29 @@ typedef struct dph_peaks {
  * Given:    workspace for the time-optimal law; NULL will do for the others.
  * Returned: plan, and status OK; the plan is only meaningful then.
  * Fails:    with a verdict, for every finite or not finite input; never crashes, never loops without end.
- * Cost:     the quadratures of two corners, a pose per 2.5 mm. paper_limited: the peaks of some hundred plans besides. time_optimal: some
- *           seven hundred poses and at most 40 steps of its solver instead. */
+ * Cost:     the quadratures of two corners, a pose per 2.5 mm: some 200 units. paper_limited: the peaks of some hundred plans besides,
+ *           about 22 000 units. time_optimal: some seven hundred poses and at most 55 steps of its solver instead, about 4 000 units. */
 dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_workspace *workspace, dph_plan *plan);
 
-/* The setpoint at a time [s] on the aligned clock, clamped to [0, duration]: before the start the robot rests at the pick point, from the
- * end on at the place point, exactly.
+/* Work is counted in units, not timed, so that slices of it are the same everywhere. A unit is about one point of the path: a pose with its
+ * derivatives and what the limits say there; 0.2 to 0.5 us on a 3 GHz core. A slice of DPH_SLICE units is what a planner may do in one
+ * millisecond beside what else it has to do: 0.1 to 0.25 ms there. A PPO of `paper` of up to a metre takes one slice. */
+enum { DPH_SLICE = 512 };
+
+/* Begin to plan a PPO in slices; dph_plan_make is the same thing in one go, and gives the same bits.
+ * Returned: workspace, and plan, which both belong to the planning from now on: they may be copied, as bytes, and go on elsewhere.
+ *           Status PLANNING: dph_plan_continue is to follow.
+ * Fails:    with a verdict, where a look at the numbers is enough.
+ * Cost:     constant. */
+dph_verdict dph_plan_begin(const dph_robot *robot, const dph_task *task, dph_workspace *workspace, dph_plan *plan);
+
+/* Go on planning for some `units` of work.
+ * Returned: status PLANNING while there is more to do; else the verdict of dph_plan_make, and no more calls are due.
+ * Cost:     the units, and at most some 150 more: work is left at seams only. */
+dph_verdict dph_plan_continue(dph_workspace *workspace, dph_plan *plan, int units);
+
+/* The setpoint at a time [s] on the aligned clock, clamped to [0, duration]: before the start the robot rests at the pick point (its phase
+ * is dwell from -dwell_ms on), from the end on at the place point, exactly.
  * Cost: one corner law inversion, one inverse kinematics and dynamics. */
 void dph_plan_sample(const dph_plan *plan, double time, dph_setpoint *setpoint);
 

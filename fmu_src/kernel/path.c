@@ -267,16 +267,18 @@ dph_verdict dph_pose_check(const dph_robot *robot, const double point[3], dph_ph
 
 /* Points at most 2.5 mm apart. With a dexterity of at least 0.1 at its ends no such interval can hide a singularity: 1.25 mm turn a joint
  * by at most 1.25 mm / (0.1 * upper arm length), which changes the dexterity by less than it is. */
-dph_verdict dph_path_check(const dph_plan *plan)
+dph_verdict dph_path_check(const dph_plan *plan, dph_cursor *cursor, int *units)
 {
     static const double spacing = 2.5e-3;
-    for (int segment = 0; segment < SEGMENTS; ++segment) {
-        int place = segment >= 3;
+    for (; cursor->part < SEGMENTS; ++cursor->part, cursor->point = 0) {
+        int segment = cursor->part, place = segment >= 3;
         const double *origin = place ? plan->task.place : plan->task.pick;
         double begin = plan->segment_arc[segment], length = plan->segment_arc[segment + 1] - begin;
         int intervals = length > 0.0 ? 4 + (int)(length / spacing) : -1; /* none */
-        for (int i = 0; i <= intervals; ++i) {
-            double at = begin + length * i / intervals, d[4][2], point[3];
+        for (; cursor->point <= intervals; ++cursor->point, --*units) {
+            if (*units <= 0)
+                return dph_unfinished();
+            double at = begin + length * cursor->point / intervals, d[4][2], point[3];
             dph_path_at(plan, segment, place ? plan->length - at : at, d);
             for (int k = 0; k < 2; ++k)
                 point[k] = origin[k] + d[0][0] * plan->direction[k];

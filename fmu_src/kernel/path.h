@@ -13,8 +13,14 @@ extern const dph_phase dph_segment_phase[SEGMENTS];
  * segment_arc, length, corner_deviation; or refuse. */
 dph_verdict dph_path_make(dph_plan *plan);
 
-/* Points of the path, without motion: as dph_plan_make refuses them. Cost: a pose per 2.5 mm. */
-dph_verdict dph_path_check(const dph_plan *plan);
+/* Where a check of the path's points stands; zero where it begins. */
+typedef struct dph_cursor {
+    int part, point;
+} dph_cursor;
+
+/* Check points of the path, without motion: as dph_plan_make refuses them. PLANNING where units have run out first. Cost: a unit per
+ * point, 2.5 mm apart. */
+dph_verdict dph_path_check(const dph_plan *plan, dph_cursor *cursor, int *units);
 
 /* The path at an arc length from its nearer end, the pick point for segments 0 to 2, the place point for segments 3 to 5.
  * Returned: position, relative to that end, and derivatives by the arc length from the pick point, [order][horizontal, vertical]. */

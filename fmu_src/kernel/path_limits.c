@@ -24,7 +24,8 @@ static dph_verdict invert(double limit, double *inverse, int *finite)
     return dph_accept();
 }
 
-dph_verdict dph_limits_make(const dph_limits *limits, dph_bounds *bounds)
+/* Which rows there are. Returns OK, INVALID_VALUE or NO_LIMIT. */
+static dph_verdict limits_make(const dph_limits *limits, dph_bounds *bounds)
 {
     int has_velocity = 0, has_acceleration = 0, has_tcp = 0;
     memset(bounds, 0, sizeof *bounds);
@@ -92,7 +93,8 @@ void dph_path_point_at(const dph_plan *plan, const dph_bounds *bounds, int segme
     }
 }
 
-dph_verdict dph_path_gravity_check(const dph_plan *plan, const dph_bounds *bounds)
+/* Can gravity be held everywhere on the path? OK, or LIMIT_EXCEEDED with phase and joint. */
+static dph_verdict gravity_check(const dph_plan *plan, const dph_bounds *bounds)
 {
     /* Something must be left to move with. */
     static const double share = 0.99;
@@ -110,6 +112,28 @@ dph_verdict dph_path_gravity_check(const dph_plan *plan, const dph_bounds *bound
         }
     }
     return dph_accept();
+}
+
+/* Work [units]. */
+enum { MAKE_UNITS = 50, GRAVITY_UNITS = 100 };
+
+dph_verdict dph_path_lay(dph_plan *plan, dph_bounds *bounds, dph_laying *laying, int *units)
+{
+    dph_verdict verdict = dph_accept();
+    if (!laying->is_laid) {
+        *units -= MAKE_UNITS;
+        verdict = dph_path_make(plan);
+        if (verdict.status == DPH_STATUS_OK)
+            verdict = limits_make(&plan->task.limits, bounds);
+        laying->is_laid = 1;
+    }
+    if (verdict.status == DPH_STATUS_OK)
+        verdict = dph_path_check(plan, &laying->cursor, units);
+    if (verdict.status == DPH_STATUS_OK) {
+        *units -= GRAVITY_UNITS;
+        verdict = gravity_check(plan, bounds);
+    }
+    return verdict;
 }
 
 double dph_inverse_cap(const dph_bounds *bounds, const dph_path_point *point)

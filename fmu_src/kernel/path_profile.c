@@ -161,7 +161,7 @@ static void lay_knots(const dph_plan *plan, dph_workspace *w)
 /* Boole's rule on the five nodes of an interval. */
 static const double quadrature[DPH_NODES] = {7.0 / 90.0, 32.0 / 90.0, 12.0 / 90.0, 32.0 / 90.0, 7.0 / 90.0};
 
-static void lay_nodes(const dph_plan *plan, dph_workspace *w)
+static void lay_basis(dph_workspace *w)
 {
     for (int j = 0; j < DPH_NODES; ++j)
         for (int unknown = 0; unknown < 4; ++unknown) {
@@ -170,37 +170,39 @@ static void lay_nodes(const dph_plan *plan, dph_workspace *w)
             for (int order = 0; order < 3; ++order)
                 w->basis[j][order][unknown] = v[order];
         }
-    for (int k = 0; k < w->intervals; ++k) {
-        double width = w->knot[k + 1] - w->knot[k];
-        int last = k + 1 == w->intervals;
-        for (int i = 0; i <= DPH_FINE; ++i)
-            dph_path_point_at(plan, &w->bounds, w->segment[k],
-                              i == 0          ? w->inner[k]
-                              : i == DPH_FINE ? w->knot[k + 1]
-                                              : w->knot[k] + width * i / DPH_FINE,
-                              &w->point[k][i]);
-        for (int i = 0; i < 3; ++i)
-            w->tighten[k][i] = 1.0;
-        for (int j = 0; j < DPH_NODES; ++j) {
-            dph_node *node = &w->node[k][j];
-            const dph_path_point *point = &w->point[k][j * DPH_FINE / (DPH_NODES - 1)];
-            double c[DPH_ROWS][3], offset[DPH_ROWS];
-            dph_rows_at(&w->bounds, point, c, offset, node->rows);
-            /* Velocity and acceleration at a knot are constraints of the interval behind it alone; jerk, which jumps there, of both.
-             * In between, jerk is constrained in the middle; at all nodes where the path begins and ends, and b'' is not seen there. */
-            int repeats = j == DPH_NODES - 1 && !last, with_jerk = j % 2 == 0 || k == 0 || last, first = repeats ? node->rows[0] : 0;
-            node->cap = repeats ? 0.0 : dph_inverse_cap(&w->bounds, point);
-            node->weight = quadrature[j] * width;
-            for (int i = first; i < node->rows[0] + node->rows[1]; ++i) {
-                dph_row *row = &node->row[i - first];
-                row->c[0] = c[i][0];
-                row->c[1] = c[i][1] / width;
-                row->c[2] = c[i][2] / (width * width);
-                row->offset = offset[i];
-            }
-            node->rows[0] -= first;
-            node->rows[1] = with_jerk ? node->rows[1] : 0;
+}
+
+void dph_profile_interval(const dph_plan *plan, dph_workspace *w, int k)
+{
+    double width = w->knot[k + 1] - w->knot[k];
+    int last = k + 1 == w->intervals;
+    for (int i = 0; i <= DPH_FINE; ++i)
+        dph_path_point_at(plan, &w->bounds, w->segment[k],
+                          i == 0          ? w->inner[k]
+                          : i == DPH_FINE ? w->knot[k + 1]
+                                          : w->knot[k] + width * i / DPH_FINE,
+                          &w->point[k][i]);
+    for (int i = 0; i < 3; ++i)
+        w->tighten[k][i] = 1.0;
+    for (int j = 0; j < DPH_NODES; ++j) {
+        dph_node *node = &w->node[k][j];
+        const dph_path_point *point = &w->point[k][j * DPH_FINE / (DPH_NODES - 1)];
+        double c[DPH_ROWS][3], offset[DPH_ROWS];
+        dph_rows_at(&w->bounds, point, c, offset, node->rows);
+        /* Velocity and acceleration at a knot are constraints of the interval behind it alone; jerk, which jumps there, of both.
+         * In between, jerk is constrained in the middle; at all nodes where the path begins and ends, and b'' is not seen there. */
+        int repeats = j == DPH_NODES - 1 && !last, with_jerk = j % 2 == 0 || k == 0 || last, first = repeats ? node->rows[0] : 0;
+        node->cap = repeats ? 0.0 : dph_inverse_cap(&w->bounds, point);
+        node->weight = quadrature[j] * width;
+        for (int i = first; i < node->rows[0] + node->rows[1]; ++i) {
+            dph_row *row = &node->row[i - first];
+            row->c[0] = c[i][0];
+            row->c[1] = c[i][1] / width;
+            row->c[2] = c[i][2] / (width * width);
+            row->offset = offset[i];
         }
+        node->rows[0] -= first;
+        node->rows[1] = with_jerk ? node->rows[1] : 0;
     }
 }
 
@@ -252,7 +254,7 @@ double dph_profile_fit(dph_workspace *w)
     return time > 0.0 ? time : HUGE_VAL;
 }
 
-void dph_profile_make(const dph_plan *plan, dph_workspace *w)
+void dph_profile_begin(const dph_plan *plan, dph_workspace *w)
 {
     int segment = 0;
     for (int i = 0; i <= DPH_COARSE; ++i) {
@@ -264,36 +266,40 @@ void dph_profile_make(const dph_plan *plan, dph_workspace *w)
     }
     profile_caps(w);
     lay_knots(plan, w);
-    lay_nodes(plan, w);
+    lay_basis(w);
+    profile_erode(w->profile);
+    w->best.stretch = 1.0;
+    w->best.duration = HUGE_VAL;
+}
 
+int dph_profile_start(dph_workspace *w, int attempt)
+{
     /* The crude profile has corners, which jerk does not like: of several degrees of smoothing the fastest; a constant b always works. */
     static const int passes[] = {2, 3, 5, 10, 20};
+    static const int smooth = sizeof passes / sizeof *passes;
     size_t size = (size_t)(w->intervals + 1) * sizeof *w->b;
-    double best_time = HUGE_VAL, best[2][DPH_PIECES + 1];
-    profile_erode(w->profile);
-    for (size_t i = 0; i <= sizeof passes / sizeof *passes; ++i) {
-        if (i < sizeof passes / sizeof *passes) {
-            profile_smooth(w->profile, passes[i]); /* on top of the passes before: 2, 5, 10, 20, 40 */
-            sample_profile(w, w->profile);
-        } else if (best_time < HUGE_VAL) {
-            break;
-        } else {
-            for (int k = 0; k <= w->intervals; ++k) {
-                w->b[k] = 1.0;
-                w->slope[k] = 0.0;
-            }
-        }
-        double time = dph_profile_fit(w);
-        if (time < best_time) {
-            best_time = time;
-            memcpy(best[0], w->b, size);
-            memcpy(best[1], w->slope, size);
+    if (attempt < smooth) {
+        profile_smooth(w->profile, passes[attempt]); /* on top of the passes before: 2, 5, 10, 20, 40 */
+        sample_profile(w, w->profile);
+    } else {
+        for (int k = 0; k <= w->intervals; ++k) {
+            w->b[k] = 1.0;
+            w->slope[k] = 0.0;
         }
     }
-    memcpy(w->b, best[0], size);
-    memcpy(w->slope, best[1], size);
-    w->unit = best_time;
+    double time = dph_profile_fit(w);
+    if (time < w->best.duration) {
+        w->best.duration = time;
+        memcpy(w->best.b, w->b, size);
+        memcpy(w->best.slope, w->slope, size);
+    }
+    if (attempt + 1 < smooth || !(w->best.duration < HUGE_VAL || attempt == smooth))
+        return 0;
+    memcpy(w->b, w->best.b, size);
+    memcpy(w->slope, w->best.slope, size);
+    w->unit = w->best.duration;
     for (int k = 0; k < w->intervals; ++k)
         for (int j = 0; j < DPH_NODES; ++j)
-            w->node[k][j].weight /= best_time;
+            w->node[k][j].weight /= w->unit;
+    return 1;
 }

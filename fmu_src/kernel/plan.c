@@ -1,4 +1,5 @@
 /* A plan: the task checked, a law of motion, one clock aligned to the 1 ms grid, and what the robot makes of it. */
+#include <limits.h>
 #include <math.h>
 #include <string.h>
 
@@ -6,7 +7,7 @@
 #include "laws.h"
 #include "path.h"
 
-/* Longest motion [s]; its milliseconds are far inside an int. */
+/* Longest motion and longest dwell [s]; their milliseconds are far inside an int. */
 static const double longest = 3600.0;
 
 /* Heights that differ by less are level: a thousand times the rounding error of metres written as millimetres. */
@@ -48,6 +49,7 @@ static dph_verdict task_check(const dph_task *task)
         {task->corner_entry_speed, least_speed, greatest_speed},
         {task->corner_mid_speed, least_speed, greatest_speed},
         {task->traverse_speed, least_speed, greatest_speed},
+        {task->dwell, 0.0, longest},
         {task->payload, 0.0, greatest_payload},
         {task->overlap, 0.0, 1.0},
     };
@@ -63,11 +65,19 @@ static dph_verdict task_check(const dph_task *task)
     return dph_accept();
 }
 
-/* One speed factor for the whole motion: nothing is floored phase by phase. The tolerance keeps a duration that is a whole number of
- * milliseconds but for rounding from taking one more. */
+/* A time [s] of up to `longest`, rounded up to whole milliseconds. One that is a whole number but for rounding takes no more: its own
+ * rounding and that of the product are 2^-53 of 3.6e6 ms each, less than 1e-9 ms together. */
+static int milliseconds(double time)
+{
+    return (int)ceil(1e3 * time - 1e-9);
+}
+
+/* One speed factor for the whole motion: nothing is floored phase by phase. */
 static void align(dph_plan *plan)
 {
-    plan->duration_ms = (int)fmax(ceil(1e3 * plan->nominal_duration - 1e-9), 1.0);
+    int duration_ms = milliseconds(plan->nominal_duration);
+    plan->duration_ms = duration_ms > 1 ? duration_ms : 1;
+    plan->dwell_ms = milliseconds(plan->task.dwell);
     plan->duration = plan->duration_ms / 1e3;
     plan->speed_factor = fmin(plan->nominal_duration / plan->duration, 1.0);
 }
@@ -147,18 +157,21 @@ static dph_verdict joints_at(const dph_robot *robot, double payload, dph_setpoin
 
 /* Points 2.5 mm apart on average and never 10 mm. With a dexterity of at least 0.1 at its ends no such interval can hide a singularity:
  * 5 mm turn a joint by at most 5 mm / (0.1 * upper arm length), which changes the dexterity by less than it is. */
-static dph_verdict path_check(const dph_plan *plan)
+static dph_verdict path_check(const dph_plan *plan, dph_cursor *cursor, int *units)
 {
     static const double spacing = 2.5e-3, most_intervals = 1e6;
-    for (int piece = 0; piece < plan->pieces; ++piece) {
+    for (; cursor->part < plan->pieces; ++cursor->part, cursor->point = 0) {
+        int piece = cursor->part;
         double length = plan->arc_boundary[piece + 1] - plan->arc_boundary[piece];
         int intervals = 4 + (int)fmin(length / spacing, most_intervals); /* also where the length has overflowed to no number */
         double begin = plan->boundary[piece], step = (plan->boundary[piece + 1] - begin) / intervals;
         if (!(plan->boundary[piece + 1] > begin))
             continue; /* a phase that this path does not have */
-        for (int i = 0; i <= intervals; ++i) {
+        for (; cursor->point <= intervals; ++cursor->point, --*units) {
+            if (*units <= 0)
+                return dph_unfinished();
             dph_setpoint setpoint;
-            tcp_at(plan, piece, (begin + step * i) / plan->speed_factor, &setpoint);
+            tcp_at(plan, piece, (begin + step * cursor->point) / plan->speed_factor, &setpoint);
             dph_verdict verdict = dph_pose_check(&plan->robot, setpoint.tcp_position, plan->phase[piece]);
             if (verdict.status != DPH_STATUS_OK)
                 return verdict;
@@ -167,22 +180,7 @@ static dph_verdict path_check(const dph_plan *plan)
     return dph_accept();
 }
 
-static dph_verdict law_make(dph_workspace *workspace, dph_plan *plan)
-{
-    switch (plan->task.law) {
-    case DPH_LAW_PAPER:
-        return dph_paper_make(plan);
-    case DPH_LAW_COMPARISON:
-        return dph_superposition_make(plan);
-    case DPH_LAW_PAPER_LIMITED:
-        return dph_paper_limited_make(plan);
-    case DPH_LAW_TIME_OPTIMAL:
-        return dph_time_optimal_make(workspace, plan);
-    }
-    return dph_refuse(DPH_STATUS_INVALID_VALUE, DPH_PHASE_IDLE, 0, 0.0, plan->task.law);
-}
-
-dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_workspace *workspace, dph_plan *plan)
+static dph_verdict begin(const dph_robot *robot, const dph_task *task, dph_progress *progress, dph_workspace *workspace, dph_plan *plan)
 {
     dph_verdict verdict = dph_robot_check(robot);
     if (verdict.status != DPH_STATUS_OK)
@@ -199,21 +197,69 @@ dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_work
     plan->direction[0] = plan->traverse > 0.0 ? x / plan->traverse : 1.0;
     plan->direction[1] = plan->traverse > 0.0 ? y / plan->traverse : 0.0;
 
-    verdict = law_make(workspace, plan);
-    if (verdict.status != DPH_STATUS_OK)
-        return verdict;
-    plan->nominal_duration = plan->boundary[plan->pieces];
-    plan->length = plan->arc_boundary[plan->pieces];
-    if (!(plan->nominal_duration <= longest))
-        return dph_refuse(DPH_STATUS_TOO_SLOW, DPH_PHASE_IDLE, 0, plan->nominal_duration, longest);
-    align(plan);
-    return task->law == DPH_LAW_TIME_OPTIMAL ? verdict : path_check(plan);
+    memset(progress, 0, sizeof *progress);
+    if (task->law == DPH_LAW_TIME_OPTIMAL)
+        dph_time_optimal_begin(workspace);
+    return dph_unfinished();
+}
+
+static dph_verdict law_continue(dph_progress *progress, dph_workspace *workspace, dph_plan *plan, int *units)
+{
+    switch (plan->task.law) {
+    case DPH_LAW_PAPER:
+        *units -= DPH_CORNER_UNITS;
+        return dph_paper_make(plan);
+    case DPH_LAW_COMPARISON:
+        *units -= DPH_CORNER_UNITS;
+        return dph_superposition_make(plan);
+    case DPH_LAW_PAPER_LIMITED:
+        return dph_paper_limited_continue(&progress->search, plan, units);
+    case DPH_LAW_TIME_OPTIMAL:
+        return dph_time_optimal_continue(workspace, plan, units);
+    }
+    return dph_refuse(DPH_STATUS_INVALID_VALUE, DPH_PHASE_IDLE, 0, 0.0, plan->task.law);
+}
+
+/* The law, the clock, and points of the path as the robot will see them; time_optimal has checked them on its way. */
+static dph_verdict proceed(dph_progress *progress, dph_workspace *workspace, dph_plan *plan, int units)
+{
+    if (!progress->has_law) {
+        dph_verdict verdict = law_continue(progress, workspace, plan, &units);
+        if (verdict.status != DPH_STATUS_OK)
+            return verdict;
+        plan->nominal_duration = plan->boundary[plan->pieces];
+        plan->length = plan->arc_boundary[plan->pieces];
+        if (!(plan->nominal_duration <= longest))
+            return dph_refuse(DPH_STATUS_TOO_SLOW, DPH_PHASE_IDLE, 0, plan->nominal_duration, longest);
+        align(plan);
+        progress->has_law = 1;
+    }
+    return plan->task.law == DPH_LAW_TIME_OPTIMAL ? dph_accept() : path_check(plan, &progress->cursor, &units);
+}
+
+dph_verdict dph_plan_begin(const dph_robot *robot, const dph_task *task, dph_workspace *workspace, dph_plan *plan)
+{
+    return begin(robot, task, &workspace->progress, workspace, plan);
+}
+
+dph_verdict dph_plan_continue(dph_workspace *workspace, dph_plan *plan, int units)
+{
+    return proceed(&workspace->progress, workspace, plan, units);
+}
+
+dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_workspace *workspace, dph_plan *plan)
+{
+    dph_progress progress; /* the workspace need not be there */
+    dph_verdict verdict = begin(robot, task, &progress, workspace, plan);
+    while (verdict.status == DPH_STATUS_PLANNING)
+        verdict = proceed(&progress, workspace, plan, INT_MAX);
+    return verdict;
 }
 
 void dph_plan_sample_piece(const dph_plan *plan, int piece, double time, dph_setpoint *setpoint)
 {
     tcp_at(plan, piece, time, setpoint);
-    (void)joints_at(&plan->robot, plan->task.payload, setpoint); /* cannot fail: path_check */
+    (void)joints_at(&plan->robot, plan->task.payload, setpoint); /* cannot fail: the path is checked */
 }
 
 void dph_plan_sample(const dph_plan *plan, double time, dph_setpoint *setpoint)
@@ -228,6 +274,8 @@ void dph_plan_sample(const dph_plan *plan, double time, dph_setpoint *setpoint)
     }
     int arrived = time >= plan->duration;
     (void)dph_rest(&plan->robot, arrived ? plan->task.place : plan->task.pick, plan->task.payload, setpoint);
+    if (time < 0.0 && time >= -plan->dwell_ms / 1e3)
+        setpoint->phase = DPH_PHASE_DWELL;
     setpoint->arc_length = arrived ? plan->length : 0.0;
     setpoint->length = plan->length;
     setpoint->vertex_distance = vertex_distance(&plan->task, setpoint->tcp_position);
@@ -245,7 +293,7 @@ void dph_plan_sample_at_rate(const dph_plan *plan, double time, const double rat
         setpoint->tcp_acceleration[i] = a * r * r + v * rate[1];
         setpoint->tcp_jerk[i] = j * r * r * r + 3.0 * a * r * rate[1] + v * rate[2];
     }
-    (void)joints_at(&plan->robot, plan->task.payload, setpoint); /* cannot fail: path_check */
+    (void)joints_at(&plan->robot, plan->task.payload, setpoint); /* cannot fail: the path is checked */
 }
 
 void dph_plan_sample_array(const dph_plan *plan, int n, const double *time, dph_setpoint *setpoint)

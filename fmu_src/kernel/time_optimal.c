@@ -75,21 +75,23 @@ static int excess_of(const dph_workspace *w, int k, double excess[3])
     return 1;
 }
 
-/* The factor by which time has to be stretched to keep all limits, at least 1; 0 where b is not positive. Found besides: by how much each
- * interval goes beyond its limits. */
-static double stretch_of(dph_workspace *w)
+/* Verify an interval: by how much it goes beyond its limits, for tighten() and for stretch_of(). Returns 0 where b is not positive. */
+static int verify(dph_workspace *w, int k)
 {
-    double greatest[3] = {0.0};
-    for (int k = 0; k < w->intervals; ++k) {
-        double excess[3];
-        if (!excess_of(w, k, excess))
-            return 0.0;
-        for (int i = 0; i < 3; ++i) {
-            greatest[i] = excess[i] > greatest[i] ? excess[i] : greatest[i];
-            w->tighten[k][i] = excess[i] > 1.0 ? excess[i] : 1.0;
-        }
+    double excess[3];
+    if (!excess_of(w, k, excess))
+        return 0;
+    for (int i = 0; i < 3; ++i) {
+        w->excess[i] = excess[i] > w->excess[i] ? excess[i] : w->excess[i];
+        w->tighten[k][i] = excess[i] > 1.0 ? excess[i] : 1.0;
     }
-    double stretch = sqrt(greatest[0]), by_acceleration = sqrt(greatest[1]), by_jerk = cbrt(greatest[2]);
+    return 1;
+}
+
+/* The factor by which time has to be stretched to keep all limits, at least 1; all intervals are verified. */
+static double stretch_of(const dph_workspace *w)
+{
+    double stretch = sqrt(w->excess[0]), by_acceleration = sqrt(w->excess[1]), by_jerk = cbrt(w->excess[2]);
     stretch = stretch > by_acceleration ? stretch : by_acceleration;
     stretch = stretch > by_jerk ? stretch : by_jerk;
     return stretch > 1.0 ? stretch : 1.0;
@@ -155,63 +157,147 @@ static void keep(const dph_workspace *w, double stretch, dph_plan *plan)
     }
 }
 
-/* A motion that keeps all limits once it is stretched, and its duration then [s]. */
-typedef struct Motion {
-    double b[DPH_PIECES + 1], slope[DPH_PIECES + 1], stretch, duration;
-} Motion;
-
-/* Verify what the solver holds and keep it if it is the shortest motion so far. Returned: its stretch; 0 where it is none. */
-static double remember(dph_workspace *w, Motion *best)
+/* Keep what the solver holds, which keeps all limits once it is stretched, if it is the shortest motion so far. */
+static void remember(dph_workspace *w, double stretch)
 {
-    double stretch = stretch_of(w), duration = 0.0;
+    double duration = 0.0;
     for (int k = 0; k < w->intervals; ++k) {
         double width = w->knot[k + 1] - w->knot[k];
         Cubic cubic = {{w->b[k], w->b[k + 1]}, {width * w->slope[k], width * w->slope[k + 1]}};
         for (int j = 0; j < DPH_NODES; ++j)
             duration += stretch * w->unit * w->node[k][j].weight * slowness(0.25 * j, &cubic);
     }
-    if (stretch > 0.0 && duration < best->duration) {
-        memcpy(best->b, w->b, sizeof best->b);
-        memcpy(best->slope, w->slope, sizeof best->slope);
-        best->stretch = stretch;
-        best->duration = duration;
+    if (duration < w->best.duration) {
+        memcpy(w->best.b, w->b, sizeof w->b);
+        memcpy(w->best.slope, w->slope, sizeof w->slope);
+        w->best.stretch = stretch;
+        w->best.duration = duration;
     }
-    return stretch;
 }
 
-dph_verdict dph_time_optimal_make(dph_workspace *w, dph_plan *plan)
+static void back_to_the_best(dph_workspace *w)
 {
-    dph_verdict verdict = dph_path_make(plan);
-    if (verdict.status == DPH_STATUS_OK)
-        verdict = dph_limits_make(&plan->task.limits, &w->bounds);
-    if (verdict.status == DPH_STATUS_OK)
-        verdict = dph_path_check(plan);
-    if (verdict.status == DPH_STATUS_OK)
-        verdict = dph_path_gravity_check(plan, &w->bounds);
-    if (verdict.status != DPH_STATUS_OK)
-        return verdict;
-    dph_profile_make(plan, w);
+    memcpy(w->b, w->best.b, sizeof w->b);
+    memcpy(w->slope, w->best.slope, sizeof w->slope);
+}
 
-    /* The start is a motion too, and so is every result; kept is the shortest one. */
-    Motion best = {.duration = HUGE_VAL};
-    (void)remember(w, &best);
-    (void)dph_interior_point(w, FIRST_ITERATIONS, first_gap, tolerance);
-    double stretch = remember(w, &best);
-    for (int repair = 0; repair < REPAIRS && (stretch > enough || !(stretch > 0.0)); ++repair) {
-        if (!(stretch > 0.0)) { /* between the nodes b is not positive: start anew from the best one */
-            memcpy(w->b, best.b, sizeof best.b);
-            memcpy(w->slope, best.slope, sizeof best.slope);
-            (void)stretch_of(w);
-        }
-        tighten(w);
-        if (dph_profile_fit(w) < HUGE_VAL)
-            (void)dph_interior_point(w, REPAIR_ITERATIONS, repair_gap, tolerance);
-        stretch = remember(w, &best);
+/* ---- Slices ----------------------------------------------------------------------------------------------------------------------- */
+
+/* What comes next. VERIFY_BEST: for its tightened limits, where the solver has left none. */
+enum { LAY, PROFILE, INTERVAL, START, VERIFY, VERIFY_BEST, REPAIR, SOLVE, KEEP };
+
+/* Work [units], measured; all but the first for each interval. */
+enum { PROFILE_UNITS = 100, INTERVAL_UNITS = 20, START_UNITS = 1, VERIFY_UNITS = 5, REPAIR_UNITS = 1, SOLVE_UNITS = 2 };
+
+static void enter(dph_workspace *w, int stage)
+{
+    w->stage = stage;
+    w->next = 0;
+    memset(w->excess, 0, sizeof w->excess);
+}
+
+void dph_time_optimal_begin(dph_workspace *w)
+{
+    enter(w, LAY);
+    memset(&w->laying, 0, sizeof w->laying);
+    w->runs = 0;
+}
+
+/* What the solver holds is verified; it is no motion where b is not positive between the nodes. The start is a motion too, and so is every
+ * result; kept is the shortest one. */
+static void judge(dph_workspace *w, int is_motion)
+{
+    double stretch = is_motion ? stretch_of(w) : HUGE_VAL;
+    if (is_motion)
+        remember(w, stretch);
+    if (w->runs == 0) {
+        enter(w, SOLVE);
+    } else if (!(stretch > enough) || w->runs > REPAIRS) {
+        enter(w, KEEP);
+    } else if (is_motion) {
+        enter(w, REPAIR);
+    } else {
+        back_to_the_best(w);
+        enter(w, VERIFY_BEST);
     }
-    memcpy(w->b, best.b, sizeof best.b);
-    memcpy(w->slope, best.slope, sizeof best.slope);
-    keep(w, best.stretch * unseen, plan);
-    return dph_accept();
+}
+
+/* An iteration of the solver. Returned: 0 after the last one. */
+static int iterate(dph_workspace *w)
+{
+    int first = w->runs == 0;
+    double gap = first ? first_gap : repair_gap;
+    if (w->next++ == 0)
+        dph_interior_point_begin(w, gap);
+    return dph_interior_point_iterate(w, gap, tolerance) && w->iteration < (first ? FIRST_ITERATIONS : REPAIR_ITERATIONS);
+}
+
+static void run_is_over(dph_workspace *w)
+{
+    w->runs += 1;
+    enter(w, VERIFY);
+}
+
+dph_verdict dph_time_optimal_continue(dph_workspace *w, dph_plan *plan, int *units)
+{
+    dph_verdict verdict = dph_accept();
+    while (*units > 0 && verdict.status == DPH_STATUS_OK) {
+        switch (w->stage) {
+        case LAY:
+            verdict = dph_path_lay(plan, &w->bounds, &w->laying, units);
+            if (verdict.status == DPH_STATUS_OK)
+                enter(w, PROFILE);
+            break;
+        case PROFILE:
+            *units -= PROFILE_UNITS;
+            dph_profile_begin(plan, w);
+            enter(w, INTERVAL);
+            break;
+        case INTERVAL:
+            *units -= INTERVAL_UNITS;
+            dph_profile_interval(plan, w, w->next++);
+            if (w->next == w->intervals)
+                enter(w, START);
+            break;
+        case START:
+            *units -= w->intervals * START_UNITS;
+            if (dph_profile_start(w, w->next++)) {
+                w->best.duration = HUGE_VAL; /* at the nodes only; what counts is its verification */
+                enter(w, VERIFY);
+            }
+            break;
+        case VERIFY:
+            *units -= VERIFY_UNITS;
+            if (!verify(w, w->next++))
+                judge(w, 0);
+            else if (w->next == w->intervals)
+                judge(w, 1);
+            break;
+        case VERIFY_BEST:
+            *units -= VERIFY_UNITS;
+            if (!verify(w, w->next++) || w->next == w->intervals)
+                enter(w, REPAIR);
+            break;
+        case REPAIR:
+            *units -= w->intervals * REPAIR_UNITS;
+            tighten(w);
+            if (dph_profile_fit(w) < HUGE_VAL)
+                enter(w, SOLVE);
+            else
+                run_is_over(w);
+            break;
+        case SOLVE:
+            *units -= w->intervals * SOLVE_UNITS;
+            if (!iterate(w))
+                run_is_over(w);
+            break;
+        default: /* KEEP */
+            back_to_the_best(w);
+            keep(w, w->best.stretch * unseen, plan);
+            return verdict;
+        }
+    }
+    return verdict.status == DPH_STATUS_OK ? dph_unfinished() : verdict;
 }
 
 void dph_time_optimal_at(const dph_plan *plan, int piece, double t, dph_planar *motion)

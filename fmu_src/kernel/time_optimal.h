@@ -14,16 +14,13 @@
 
 /* ---- path_limits.c ---------------------------------------------------------------------------------------------------------------- */
 
-/* Read the limits: which rows there are. Returns OK, INVALID_VALUE, NO_LIMIT or TOO_SLOW. */
-dph_verdict dph_limits_make(const dph_limits *limits, dph_bounds *bounds);
+/* What both laws within limits begin with, in slices: the path is laid, the limits are read, the robot can follow the path and hold still
+ * everywhere on it; or a refusal. */
+dph_verdict dph_path_lay(dph_plan *plan, dph_bounds *bounds, dph_laying *laying, int *units);
 
 /* The path at a parameter x as seen from within a segment. The path has passed dph_path_check. Cost: a pose; three inverse dynamics more
  * where a torque is limited. */
 void dph_path_point_at(const dph_plan *plan, const dph_bounds *bounds, int segment, double x, dph_path_point *point);
-
-/* Can gravity be held everywhere on the path? OK, or LIMIT_EXCEEDED with phase and joint. Cost: some 60 inverse dynamics where a torque is
- * limited. */
-dph_verdict dph_path_gravity_check(const dph_plan *plan, const dph_bounds *bounds);
 
 /* Greatest b by velocity limits, inverted [s^2]. */
 double dph_inverse_cap(const dph_bounds *bounds, const dph_path_point *point);
@@ -33,11 +30,18 @@ void dph_rows_at(const dph_bounds *bounds, const dph_path_point *point, double c
 
 /* ---- path_profile.c --------------------------------------------------------------------------------------------------------------- */
 
-/* Lay knots where path and time ask for them, and a strictly feasible b, b' at them. The path has passed dph_path_check and
- * dph_path_gravity_check. */
-void dph_profile_make(const dph_plan *plan, dph_workspace *w);
+/* Lay knots where path and time ask for them. The path has passed dph_path_lay. Cost: 65 points. */
+void dph_profile_begin(const dph_plan *plan, dph_workspace *w);
 
-/* Shrink b to strict feasibility at the nodes by one factor. Returned: the duration then [s]; infinite where there is none. */
+/* What the limits say in interval k. Cost: 13 points. */
+void dph_profile_interval(const dph_plan *plan, dph_workspace *w, int k);
+
+/* Try a strictly feasible b, b' at the knots, attempt 0, 1, ...; the fastest one is best. Returned: 1 after the last attempt: the workspace
+ * then has the best one, and its duration as the unit of time. Cost: of dph_profile_fit. */
+int dph_profile_start(dph_workspace *w, int attempt);
+
+/* Shrink b to strict feasibility at the nodes by one factor. Returned: the duration then [s]; infinite where there is none. Cost: 0.2 us per
+ * interval. */
 double dph_profile_fit(dph_workspace *w);
 
 /* ---- interior_point.c ------------------------------------------------------------------------------------------------------------- */
@@ -45,9 +49,13 @@ double dph_profile_fit(dph_workspace *w);
 /* b and its derivatives by u at a point of an interval, x = knot + u width. */
 void dph_hermite(const double value[2], const double slope[2], double u, double b[3]);
 
-/* Shorten the duration from a strictly feasible b in the workspace; every iterate is strictly feasible at the nodes.
- * Given: greatest number of iterations; first complementarity gap, relative to the duration.
- * Returned: 1 where the gap came below `tolerance` of the duration, else 0; the workspace holds the last iterate either way. */
-int dph_interior_point(dph_workspace *w, int iterations, double gap, double tolerance);
+/* Begin to shorten the duration from a strictly feasible b in the workspace.
+ * Given: first complementarity gap, relative to the duration. */
+void dph_interior_point_begin(dph_workspace *w, double gap);
+
+/* One iteration; each leaves a b in the workspace that is strictly feasible at the nodes.
+ * Returned: 0 where there is nothing more to gain, since the gap is below `tolerance` of the duration or rounding has the upper hand; else 1.
+ * Cost:     0.5 us per interval. */
+int dph_interior_point_iterate(dph_workspace *w, double gap, double tolerance);
 
 #endif

@@ -16,6 +16,11 @@ dph_verdict dph_accept(void)
     return dph_refuse(DPH_STATUS_OK, DPH_PHASE_IDLE, 0, 0.0, 0.0);
 }
 
+dph_verdict dph_unfinished(void)
+{
+    return dph_refuse(DPH_STATUS_PLANNING, DPH_PHASE_IDLE, 0, 0.0, 0.0);
+}
+
 static double mm(double m)
 {
     return 1e3 * m;
@@ -41,7 +46,8 @@ void dph_verdict_text(const dph_verdict *verdict, char *text, int size)
                                         " in the second half of the traverse",
                                         " in the corner above the place point",
                                         " while lowering",
-                                        " in the traverse"};
+                                        " in the traverse",
+                                        " before the motion"};
     const char *phase = where[verdict->phase];
     double required = verdict->required, available = verdict->available;
     size_t n = (size_t)size;
@@ -87,7 +93,7 @@ void dph_verdict_text(const dph_verdict *verdict, char *text, int size)
         snprintf(text, n, "too close to a singularity%s: dexterity %.3g, at least %.3g is needed", phase, available, required);
         return;
     case DPH_STATUS_BUSY:
-        snprintf(text, n, "busy: a PPO is running and another one is waiting already");
+        snprintf(text, n, "busy: another request is being planned or waiting already");
         return;
     case DPH_STATUS_NOT_AT_PICK:
         snprintf(text, n, "the robot rests %.6g mm away from the pick point: at most %.6g mm", mm(required), mm(available));
@@ -98,6 +104,9 @@ void dph_verdict_text(const dph_verdict *verdict, char *text, int size)
         return;
     case DPH_STATUS_NO_LIMIT:
         snprintf(text, n, "the law needs a limit: give at least one of joint velocity, acceleration, jerk, torque, or tcp speed");
+        return;
+    case DPH_STATUS_PLANNING:
+        snprintf(text, n, "being planned");
         return;
     }
     snprintf(text, n, "unknown verdict %d", (int)verdict->status);

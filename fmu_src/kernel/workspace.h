@@ -1,4 +1,4 @@
-/* The memory of the time-optimal law's solver, caller-owned: see time_optimal.h. */
+/* The memory of planning, caller-owned: where it stands, and the time-optimal law's solver (time_optimal.h). It all lives on between slices. */
 #ifndef DELTAPH_WORKSPACE_H
 #define DELTAPH_WORKSPACE_H
 
@@ -43,7 +43,57 @@ typedef struct dph_node {
     dph_row row[DPH_ROWS];
 } dph_node;
 
+/* Where the laying of a path within limits stands (path_limits.c); zero where it begins. */
+typedef struct dph_laying {
+    int is_laid, unused;
+    dph_cursor cursor;
+} dph_laying;
+
+/* Peaks of a plan (peaks.c). Channels: four of three joints each, then tcp speed and acceleration. */
+enum { DPH_CHANNELS = 14, DPH_SCAN = 128 };
+
+typedef struct dph_peak_search {
+    int piece, channel, sample; /* of what comes next; channel -1: the scan of the piece */
+    int unused;                 /* fills the gap before the doubles */
+    double scan[DPH_SCAN + 1][DPH_CHANNELS];
+    double greatest[DPH_CHANNELS]; /* of the scans */
+    double peak[DPH_CHANNELS];
+} dph_peak_search;
+
+/* The search for the paper's three speeds (paper_limited.c). */
+typedef struct dph_search {
+    int stage, candidate, settling, unused; /* what comes next */
+    dph_laying laying;
+    dph_bounds bounds;
+    double gravity;         /* greatest share of a torque limit that holding still takes */
+    double shape[2][2];     /* the given one, the best one: logarithms of V_N / V_B, V_max / V_B */
+    double centre[2], step[2];
+    double least;           /* duration of the best one by samples [s] */
+    double factor[2];       /* of both: V_B of the fastest plan [m/s] */
+    double duration[2];     /* of both, settled [s] */
+    dph_peak_search peaks;
+} dph_search;
+
+/* Where planning stands. */
+typedef struct dph_progress {
+    int has_law, unused;
+    dph_cursor cursor;
+    dph_search search;
+} dph_progress;
+
+/* A motion that keeps all limits once time is stretched, and its duration then [s]. */
+typedef struct dph_candidate {
+    double b[DPH_PIECES + 1], slope[DPH_PIECES + 1], stretch, duration;
+} dph_candidate;
+
 struct dph_workspace {
+    dph_progress progress;
+    /* Where the time-optimal law stands: stage and, in it, the next interval or attempt; runs of the solver so far, and its iterations. */
+    int stage, next, runs, iteration;
+    dph_laying laying;
+    double excess[3];                                /* greatest of the intervals verified so far */
+    double before, reduction;                        /* of the solver: duration before the last iteration, next reduction of the gap */
+    dph_candidate best;
     dph_bounds bounds;
     int intervals;
     int segment[DPH_PIECES];

@@ -1,6 +1,7 @@
 /* DeltaPlanner: takes tasks, plans them with the kernel, plays them on the 1 ms grid, one after the other. */
 #include "planner.h"
 
+#include <limits.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -21,6 +22,7 @@ static dph_task task_from(const Variables *v)
     task.lift[1] = v->task_lift_place;
     task.corner_deviation[0] = v->task_corner_deviation_pick;
     task.corner_deviation[1] = v->task_corner_deviation_place;
+    task.dwell = v->task_dwell;
     task.payload = v->payload_mass;
     task.law = (dph_law)v->law;
     task.corner_entry_speed = v->speed_corner_entry;
@@ -35,32 +37,18 @@ static dph_task task_from(const Variables *v)
     return task;
 }
 
-static dph_workspace *workspace_of(Model *m)
+static double distance(const double a[3], const double b[3])
 {
-    return (void *)(m + 1); /* the model's scratch */
+    double x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2];
+    return sqrt(x * x + y * y + z * z);
 }
 
-/* The task is judged by itself before it is asked whether the robot is there: the first answer helps more. */
-static dph_verdict plan_request(Model *m, dph_plan *plan)
+/* Let a task begin exactly at a point near its pick point; its traverse stays where it is. */
+static void start_at_rest(dph_task *task, const double rest[3])
 {
-    dph_verdict verdict = {DPH_STATUS_BUSY, DPH_PHASE_IDLE, 0, 0.0, 0.0};
-    if (m->is_waiting)
-        return verdict;
-    dph_task task = task_from(&m->v);
-    verdict = dph_plan_make(&m->robot, &task, workspace_of(m), plan);
-    if (verdict.status != DPH_STATUS_OK)
-        return verdict;
-    double x = task.pick[0] - m->rest[0], y = task.pick[1] - m->rest[1], z = task.pick[2] - m->rest[2];
-    double away = sqrt(x * x + y * y + z * z);
-    if (!(away <= at_pick_tolerance)) {
-        verdict.status = DPH_STATUS_NOT_AT_PICK;
-        verdict.required = away;
-        verdict.available = at_pick_tolerance;
-    } else if (away > 0.0) {
-        memcpy(task.pick, m->rest, sizeof task.pick);
-        verdict = dph_plan_make(&m->robot, &task, workspace_of(m), plan);
-    }
-    return verdict;
+    if (task->lift[0] > 0.0)
+        task->lift[0] += task->pick[2] - rest[2];
+    memcpy(task->pick, rest, sizeof task->pick);
 }
 
 static void report(Model *m, const dph_verdict *verdict, const ModelLog *log)
@@ -74,6 +62,60 @@ static void report(Model *m, const dph_verdict *verdict, const ModelLog *log)
     log->write(log->context, verdict->status == DPH_STATUS_OK ? MESSAGE_EVENT : MESSAGE_WARNING, text);
 }
 
+static void refuse_as_busy(Model *m, const ModelLog *log)
+{
+    const dph_verdict busy = {DPH_STATUS_BUSY, DPH_PHASE_IDLE, 0, 0.0, 0.0};
+    m->v.plan_status = (int32_t)busy.status;
+    m->v.plan_required = m->v.plan_available = 0.0;
+    m->v.plan_refused += 1;
+    report(m, &busy, log);
+}
+
+/* Run the waiting plan, which began `ms` ago on its clock: first comes its dwell. */
+static void begin_waiting(Model *m, double ms)
+{
+    m->running = m->waiting;
+    m->is_waiting = 0;
+    m->has_run = m->is_running = 1;
+    m->elapsed_ms = ms - m->running.dwell_ms;
+}
+
+/* What became of a request: its plan, in the place of the waiting one, is to run, or it is refused. */
+static void conclude(Model *m, dph_verdict verdict, const ModelLog *log)
+{
+    m->is_planning = 0;
+    if (verdict.status == DPH_STATUS_OK && !(m->away <= at_pick_tolerance)) {
+        verdict.status = DPH_STATUS_NOT_AT_PICK;
+        verdict.required = m->away;
+        verdict.available = at_pick_tolerance;
+    }
+    m->v.plan_status = (int32_t)verdict.status;
+    m->v.plan_required = verdict.required;
+    m->v.plan_available = verdict.available;
+    if (verdict.status == DPH_STATUS_OK) {
+        const dph_plan *plan = &m->waiting;
+        m->v.plan_count += 1;
+        m->v.plan_duration = plan->duration;
+        m->v.plan_corner_deviation_pick = plan->corner_deviation[0];
+        m->v.plan_corner_deviation_place = plan->corner_deviation[1];
+        memcpy(m->rest, plan->task.place, sizeof m->rest);
+        m->is_waiting = 1;
+        if (!m->is_running)
+            begin_waiting(m, 0.0);
+    } else {
+        m->v.plan_refused += 1;
+    }
+    report(m, &verdict, log);
+}
+
+/* Go on planning for some units of work. */
+static void plan_on(Model *m, int units, const ModelLog *log)
+{
+    dph_verdict verdict = dph_plan_continue(&m->workspace, &m->waiting, units);
+    if (verdict.status != DPH_STATUS_PLANNING)
+        conclude(m, verdict, log);
+}
+
 /* A new value of task.trigger asks for a PPO with the inputs of this moment; 0 only re-arms. */
 static void take_request(Model *m, const ModelLog *log)
 {
@@ -81,30 +123,25 @@ static void take_request(Model *m, const ModelLog *log)
     m->last_trigger = trigger;
     if (trigger == last || trigger == 0)
         return;
-
-    dph_plan plan;
-    dph_verdict verdict = plan_request(m, &plan);
-    m->v.plan_status = (int32_t)verdict.status;
-    m->v.plan_required = verdict.required;
-    m->v.plan_available = verdict.available;
-    if (verdict.status == DPH_STATUS_OK) {
-        m->v.plan_count += 1;
-        m->v.plan_duration = plan.duration;
-        m->v.plan_corner_deviation_pick = plan.corner_deviation[0];
-        m->v.plan_corner_deviation_place = plan.corner_deviation[1];
-        memcpy(m->rest, plan.task.place, sizeof m->rest);
-        if (m->is_running) {
-            m->waiting = plan;
-            m->is_waiting = 1;
-        } else {
-            m->running = plan;
-            m->has_run = m->is_running = 1;
-            m->elapsed_ms = 0.0;
-        }
-    } else {
-        m->v.plan_refused += 1;
+    if (m->is_planning || m->is_waiting) {
+        refuse_as_busy(m, log);
+        return;
     }
-    report(m, &verdict, log);
+
+    /* Who is at the pick point begins where he rests, to the bit. Who is not is told so only if nothing is wrong with the task itself: the
+     * first answer helps more. */
+    dph_task task = task_from(&m->v);
+    m->away = distance(task.pick, m->rest);
+    if (m->away <= at_pick_tolerance)
+        start_at_rest(&task, m->rest);
+    dph_verdict verdict = dph_plan_begin(&m->robot, &task, &m->workspace, &m->waiting);
+    if (verdict.status != DPH_STATUS_PLANNING) {
+        conclude(m, verdict, log);
+        return;
+    }
+    m->is_planning = 1;
+    m->v.plan_status = (int32_t)verdict.status;
+    m->v.plan_required = m->v.plan_available = 0.0;
 }
 
 static void write_outputs(Model *m)
@@ -124,7 +161,7 @@ static void write_outputs(Model *m)
     v->path_length = s.length;
     v->path_vertex_distance = s.vertex_distance;
     v->path_phase = (int32_t)s.phase;
-    v->plan_busy = m->is_running || m->is_waiting;
+    v->plan_busy = m->is_running || m->is_waiting || m->is_planning;
 }
 
 /* Rest at the pick point; where that is out of reach the task will be refused, and the arms are level. */
@@ -142,7 +179,8 @@ int model_initialize(void *model, const ModelLog *log)
 {
     Model *m = model;
     m->robot = robot_from(&m->v);
-    m->has_run = m->is_running = m->is_waiting = 0;
+    m->has_run = m->is_running = m->is_waiting = m->is_planning = 0;
+    m->away = 0.0;
     m->elapsed_ms = 0.0;
     m->last_trigger = 0;
     feed_start(&m->feed, m->v.feed);
@@ -160,12 +198,14 @@ int model_initialize(void *model, const ModelLog *log)
     }
     rest_at_pick(m);
     take_request(m, log);
+    while (m->is_planning)
+        plan_on(m, INT_MAX, log);
     write_outputs(m);
     return 1;
 }
 
 /* Move the clock of the running plan on. A plan begins and ends at rest, so that what is left of a step goes to the waiting one. */
-static void advance(Model *m, double ms)
+static void advance_by(Model *m, double ms)
 {
     if (!m->is_running)
         return;
@@ -176,9 +216,18 @@ static void advance(Model *m, double ms)
             m->elapsed_ms = m->running.duration_ms;
             return;
         }
-        m->elapsed_ms -= m->running.duration_ms;
-        m->running = m->waiting;
-        m->is_waiting = 0;
+        begin_waiting(m, m->elapsed_ms - m->running.duration_ms);
+    }
+}
+
+/* n model steps. */
+static void advance(Model *m, uint32_t n)
+{
+    if (feed_is_settled(&m->feed, m->v.feed)) {
+        advance_by(m, n * m->v.feed);
+    } else {
+        for (uint32_t i = 0; i < n; ++i)
+            advance_by(m, 1e3 * feed_step(&m->feed, m->v.feed));
     }
 }
 
@@ -186,11 +235,11 @@ void model_step(void *model, uint32_t n, const ModelLog *log)
 {
     Model *m = model;
     take_request(m, log);
-    if (feed_is_settled(&m->feed, m->v.feed)) {
-        advance(m, n * m->v.feed);
-    } else {
-        for (uint32_t i = 0; i < n; ++i)
-            advance(m, 1e3 * feed_step(&m->feed, m->v.feed));
+    for (; n > 0 && m->is_planning; --n) { /* a slice each millisecond; what is ready then starts then */
+        plan_on(m, DPH_SLICE, log);
+        advance(m, 1);
     }
+    if (n > 0)
+        advance(m, n);
     write_outputs(m);
 }

@@ -17,7 +17,4 @@ typedef struct {
     uint64_t steps; /* done since the start */
 } Model;
 
-/* Memory behind the model that no state keeps: none. */
-enum { MODEL_SCRATCH = 0 };
-
 #endif

@@ -18,6 +18,7 @@ from deltaph.variables import variable_table
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 TABLE = variable_table("planner")
 STATUS = TABLE.items("PlanStatus")
+OUTPUTS = [v.name for v in TABLE.of("output")]
 
 
 @pytest.fixture
@@ -83,13 +84,12 @@ def test_a_waiting_request_starts_in_the_step_in_which_the_first_arrives(planner
     play(planner, 0, 100)
     set_all(planner, {**task_inputs(back(scenario)), "task.trigger": 2})
     rows = play(planner, 100, 2 * 303 - 100)
-    outputs = [v.name for v in TABLE.of("output")]
-    position = rows[:, [outputs.index(f"tcp.position.{axis}") for axis in "xyz"]]
+    position = rows[:, [OUTPUTS.index(f"tcp.position.{axis}") for axis in "xyz"]]
     both = np.vstack([there.sample(np.arange(303) / 1000)["tcp_position"], again.sample(np.arange(304) / 1000)["tcp_position"]])
     assert (position == both[101:]).all()
-    assert rows[0][outputs.index("plan.count")] == 2
-    assert rows[-1][outputs.index("plan.busy")] == 0
-    assert rows[-2][outputs.index("plan.busy")] == 1
+    assert rows[0][OUTPUTS.index("plan.count")] == 2
+    assert rows[-1][OUTPUTS.index("plan.busy")] == 0
+    assert rows[-2][OUTPUTS.index("plan.busy")] == 1
 
 
 def test_a_third_request_is_refused_as_busy_and_zero_never_asks(planner: FmiSlave) -> None:
@@ -159,7 +159,7 @@ def fed(slave: FmiSlave, feeds: list[float]) -> dict[str, np.ndarray]:
         assert slave.put({"feed": feed}) == OK, slave.messages
         assert slave.step(n * 1e-3) == OK, slave.messages
         rows.append(slave.outputs())
-    return dict(zip([v.name for v in TABLE.of("output")], np.array(rows, dtype=np.float64).T, strict=True))
+    return dict(zip(OUTPUTS, np.array(rows, dtype=np.float64).T, strict=True))
 
 
 def test_feed_stops_on_the_path_and_resumes(planner: FmiSlave) -> None:
@@ -202,3 +202,47 @@ def test_feed_of_one_half_takes_twice_as_long(planner: FmiSlave) -> None:
     assert planner.put({"feed": 0.5}) == OK
     out = fed(planner, [0.5] * 606)
     assert out["plan.busy"].tolist() == [1.0] * 605 + [0.0]
+
+
+@pytest.mark.parametrize(("dwell", "dwell_ms"), [(0.05, 50), (0.0501, 51), (0.0, 0), (1e-6, 1)])
+def test_a_ppo_begins_with_its_dwell_at_the_pick_point(planner: FmiSlave, dwell: float, dwell_ms: int) -> None:
+    plan = Plan.of(load_scenario(SCENARIOS / "paper.toml"))
+    set_all(planner, {"task.dwell": dwell})
+    planner.initialize()
+    rows = np.vstack([planner.outputs(), play(planner, 0, dwell_ms + 310)])
+    moving = expected(plan, 310)
+    assert (rows[dwell_ms:] == moving).all()
+    resting = moving[0].copy()
+    resting[OUTPUTS.index("path.phase")] = TABLE.items("Phase").index("dwell")
+    assert (rows[:dwell_ms] == resting).all()
+
+
+def test_the_dwell_is_that_of_the_request_and_begins_when_the_first_arrives(planner: FmiSlave) -> None:
+    scenario = load_scenario(SCENARIOS / "paper.toml")
+    planner.initialize()
+    play(planner, 0, 100)
+    set_all(planner, {**task_inputs(back(scenario)), "task.dwell": 0.03, "task.trigger": 2})
+    play(planner, 100, 1)
+    set_all(planner, {"task.dwell": 0.5})
+    rows = play(planner, 101, 303 + 30 + 303 - 101)
+    phase = rows[:, OUTPUTS.index("path.phase")]
+    dwell = TABLE.items("Phase").index("dwell")
+    assert np.flatnonzero(phase == dwell).tolist() == list(range(303 - 102, 333 - 102))
+    assert (rows[:-1, OUTPUTS.index("plan.busy")] == 1).all()
+    assert rows[-1, OUTPUTS.index("plan.busy")] == 0
+    assert rows[-1, OUTPUTS.index("plan.duration")] == 0.303
+
+
+def test_feed_stops_a_dwell_too(planner: FmiSlave) -> None:
+    set_all(planner, {"task.dwell": 0.02, "feed": 0.0})
+    planner.initialize()
+    rows = play(planner, 0, 100)
+    assert (rows == rows[0]).all()
+    assert rows[0, OUTPUTS.index("path.phase")] == TABLE.items("Phase").index("dwell")
+
+
+def test_a_dwell_of_more_than_an_hour_is_refused(planner: FmiSlave) -> None:
+    set_all(planner, {"task.dwell": 3601.0})
+    planner.initialize()
+    assert STATUS[int(planner.get("plan.status")[0])] == "invalid_value"
+    assert planner.get("plan.required", "plan.available") == [3600.0, 3601.0]
