@@ -63,17 +63,13 @@ def _cell(scene: Scene) -> rrb.Spatial3DView:
 
 
 def _corner(scene: Scene, index: int) -> rrb.Spatial2DView:
-    size = corner.size(scene, index)
-    reach = (-1.6 * size, 4.4 * size)
     several = f", {len(scene.moves)} moves on top of each other" if len(scene.moves) > 1 else ""
     return rrb.Spatial2DView(
         origin=f"corner/{CORNERS[index]}",
         name=f"{CORNERS[index].capitalize()} corner [mm]{several}",
         contents=["$origin/**"],
         overrides={corner.executed_entity(index): _ALWAYS},
-        visual_bounds=rrb.VisualBounds2D(
-            x_range=reach if index == 0 else (-reach[1], -reach[0]), y_range=(-2.2 * size, 3.8 * size)
-        ),
+        visual_bounds=corner.bounds(index, corner.size(scene, index)),
     )
 
 
