@@ -40,7 +40,7 @@ def compared_corners(sides: tuple[Side, Side]) -> Iterator[tuple[str, Any]]:
             yield f"{entity}/{letter}", paths
             for mark in (mark for mark in side.marks if mark.corner == index):
                 move = side.scene.moves[mark.move]
-                spoke = [[0.0, 0.0], move.seen_from(index, np.array(mark.nearest))]
+                spoke = np.stack([np.zeros(2), move.seen_from(index, np.array(mark.nearest))])
                 distance = rr.LineStrips2D([spoke], colors=[side.color], radii=[pixels(width / 4.0)], draw_order=2.5 + line)
                 yield f"{entity}/nearest/{letter}", distance
                 text = f"{letter.upper()} {1e3 * mark.executed:.3f} mm"

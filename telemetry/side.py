@@ -50,7 +50,8 @@ class Side:
     def path(self) -> tuple[FloatArray, FloatArray]:
         """Times (n,) [s] and positions (n, 3) [m]."""
         rows = self.rows("tcp/position")
-        return 1e-9 * rows.nanoseconds, rows.values
+        time: FloatArray = 1e-9 * rows.nanoseconds
+        return time, rows.values
 
     @cached_property
     def arc_length(self) -> FloatArray:
