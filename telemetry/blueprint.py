@@ -54,7 +54,7 @@ def _cell(scene: Scene) -> rrb.Spatial3DView:
         overrides={EXECUTED_PATH: _AROUND, ARROWS: rrb.EntityBehavior(visible=False)},
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital,
-            position=target - 1.9 * low * direction / np.linalg.norm(direction),
+            position=target - 2.15 * low * direction / np.linalg.norm(direction),
             look_target=target,
             eye_up=UP,
         ),
@@ -208,13 +208,17 @@ def blueprint(scene: Scene, *, live: bool = False, spans: Spans = _NO_SPANS) -> 
         name="Timing",
     )
     events = rrb.Vertical(
-        rrb.TextLogView(name="Events", origin="event"),
+        rrb.TextLogView(
+            name="Events",
+            origin="event",
+            columns=rrb.TextLogColumns(timeline_columns=["sim_time"], text_log_columns=["LogLevel", "Body"]),
+        ),
         rrb.StateTimelineView(name="Phase and trip", origin="/", contents=["phase", "trip"]),
         row_shares=[3, 1],
         name="Events",
     )
     left = rrb.Vertical(
-        rrb.Horizontal(rrb.TextDocumentView(name="Verdict", origin="summary"), _cell(scene), column_shares=[5, 4]),
+        rrb.Horizontal(rrb.TextDocumentView(name="Verdict", origin="summary"), _cell(scene), column_shares=[6, 4]),
         rrb.Horizontal(_corner(scene, 0), _corner(scene, 1)),
         row_shares=[11, 9],
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,8 @@ _DARK_JOINTS = ((35, 85, 120), (120, 95, 20), (15, 95, 70))
 _JOINTS = ((130, 205, 250), (250, 215, 100), (90, 225, 175))
 _WIDTHS = {"a": (5.0, 7.0, 3.5), "b": (1.5, 2.8, 1.2)}
 """Of the joints' lines: where joints 2 and 3 move alike, joint 2 shows as a rim of joint 3."""
+
+_LINES = partial(rr.SeriesLines, aggregation_policy=rr.components.AggregationPolicy.MinMax)
 
 _LIMIT = (235, 60, 60)
 _GREY = (230, 230, 230)
@@ -90,7 +93,7 @@ class Comparison:
         entity = f"difference/{quantity}"
         names = [f"B - A, joint {i + 1} [{unit}]" for i in range(3)] if series == 3 else [f"B - A [{unit}]"]
         colors, widths = (_JOINTS, _WIDTHS["b"]) if series == 3 else ([_GREY], (2.0,))
-        stream.log(entity, rr.SeriesLines(names=names, colors=list(colors), widths=list(widths)), static=True, strict=True)
+        stream.log(entity, _LINES(names=names, colors=list(colors), widths=list(widths)), static=True, strict=True)
         (times, of_a), (times_b, of_b) = on_time
         common = times[(times >= times_b[0]) & (times <= times_b[-1])]
         at = np.stack([np.interp(common, times_b, column) for column in of_b.T], axis=1)
@@ -111,7 +114,7 @@ class Comparison:
             self._send(stream, f"time_at_point/{side.letter}", milliseconds, along)
             reached.append(milliseconds)
             self._write_prescribed(stream, side, times, along)
-        style = rr.SeriesLines(names=["B - A [ms]"], colors=[_GREY], widths=[2.0])
+        style = _LINES(names=["B - A [ms]"], colors=[_GREY], widths=[2.0])
         stream.log("difference/time_at_point", style, static=True, strict=True)
         self._write_along(stream, "time_at_point", reached)
 
@@ -132,7 +135,7 @@ class Comparison:
         prescribed = 1e3 * np.unique(side.scene.corner_deviation)
         name = f"{side.letter.upper()} prescribed [mm]"
         entity = f"path/deviation/prescribed_{side.letter}"
-        style = rr.SeriesLines(names=[name] * len(prescribed), colors=[_LIMIT] * len(prescribed), widths=[1.5] * len(prescribed))
+        style = _LINES(names=[name] * len(prescribed), colors=[_LIMIT] * len(prescribed), widths=[1.5] * len(prescribed))
         stream.log(entity, style, static=True, strict=True)
         for ends in (times[[0, -1]], points[[0, -1]]):
             self._send(stream, entity, np.tile(prescribed, (2, 1)), ends)
@@ -149,7 +152,7 @@ class Comparison:
         names = [f"{letter} joint {i + 1} [{unit}]" for i in range(3)] if series == 3 else [f"{letter}: {side.name} [{unit}]"]
         joints = _DARK_JOINTS if side.letter == "a" else _JOINTS
         colors, widths = (joints, _WIDTHS[side.letter]) if series == 3 else ([side.color], _WIDTHS[side.letter][:1])
-        stream.log(entity, rr.SeriesLines(names=names, colors=list(colors), widths=list(widths)), static=True, strict=True)
+        stream.log(entity, _LINES(names=names, colors=list(colors), widths=list(widths)), static=True, strict=True)
 
     def _send(self, stream: rr.RecordingStream, entity: str, values: FloatArray, index: Any) -> None:
         """Rows (n, series) over simulation times [ns] or, where the index is of floats, over arc lengths [m]."""

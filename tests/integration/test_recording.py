@@ -1,5 +1,6 @@
 """Real recordings, read back."""
 
+import re
 import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
@@ -7,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow
 import pytest
 import rerun_cli
 from integration.read_back import Recording, assert_same_rows
@@ -130,6 +132,15 @@ def test_every_signal_has_one_row_per_frame_at_its_time_and_step(recording: Reco
         assert rows["step"].tolist() == list(range(len(FRAMES))), entity
 
 
+def test_timelines_are_a_duration_and_a_sequence(file: Path) -> None:
+    for chunk in RrdReader(file).stream():
+        if not chunk.is_static:
+            schema = chunk.to_record_batch().schema
+            assert set(schema.names) & {"sim_time", "step", "log_time", "log_tick"} == {"sim_time", "step"}, chunk.entity_path
+            assert schema.field("sim_time").type == pyarrow.duration("ns")
+            assert schema.field("step").type == pyarrow.int64()
+
+
 def test_timing_is_recorded(recording: Recording) -> None:
     for name in ("planner_step", "plant_step", "publish", "real_time_factor"):
         assert np.array_equal(recording.scalars(f"/timing/{name}"), column("timing", name))
@@ -218,6 +229,14 @@ def test_series_are_named_with_their_unit(recording: Recording) -> None:
     assert recording.static["/joint/velocity/actual"]["SeriesLines:names"][0] == "joint[1].velocity actual [rad/s]"
     assert recording.static["/tcp/tracking_error"]["SeriesLines:names"] == [f"tcp.tracking_error.{axis} [m]" for axis in "xyz"]
     assert recording.static["/joint/torque/limit"]["SeriesLines:names"][0] == "joint.torque limit [N.m]"
+
+
+def test_every_series_has_a_unit(recording: Recording) -> None:
+    named = {entity: static["SeriesLines:names"] for entity, static in recording.static.items() if "SeriesLines:names" in static}
+    assert {entity for entity in recording.rows if "Scalars:scalars" in recording.rows[entity]} == named.keys()
+    for entity, names in named.items():
+        assert len(names) == recording.scalars(entity).shape[1], entity
+        assert all(re.fullmatch(r".+ \[[^\[\]]+\]", name) for name in names), (entity, names)
 
 
 POSES = [*range(0, len(FRAMES), 10), len(FRAMES) - 1]
