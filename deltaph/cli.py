@@ -128,34 +128,41 @@ def plan(
     Example: deltaph plan scenarios/paper.toml --plot paper.png
     """
     from deltaph.checks import evaluate_expectations, planned_values
-    from deltaph.outputs import planner_columns, write_csv
-    from deltaph.plan import Plan
-    from deltaph.report import phase_facts, plan_facts, print_checks, print_plan
+    from deltaph.outputs import pass_columns, write_csv
+    from deltaph.report import operation_facts, phase_facts, plan_facts, print_checks, print_plan, sequence_facts
     from deltaph.scenario import load_scenario
+    from deltaph.schedule import schedule
 
     if not 1e-3 <= sample_ms < float("inf"):
         raise DeltaphError(f"--sample-ms is {sample_ms:g}: give a time of at least 0.001 ms")
     case = load_scenario(scenario)
     check_writable(csv, plot, json_file)
-    found = Plan.of(case)
+    run = schedule(case)
     if plot is not None:
         from deltaph.plot import draw_plan, image_formats
 
         if plot.suffix.removeprefix(".") not in image_formats():
             raise DeltaphError(f"--plot {plot}: the name must end in one of .{', .'.join(image_formats())}")
-        replace(plot, lambda path: draw_plan(found, case.limits, case.title, path))
+        replace(plot, lambda path: draw_plan(run, case.limits, case.title, path))
     if csv is not None:
-        time = found.grid(sample_ms)
-        write_text(csv, lambda stream: write_csv(stream, {"time": time, **planner_columns(found, time)}))
-    _write_json(
-        json_file, {"scenario": str(scenario), "law": case.law.name, "plan": plan_facts(found), "phases": phase_facts(found)}
-    )
+        time = run.grid(sample_ms)
+        write_text(csv, lambda stream: write_csv(stream, {"time": time, **pass_columns(run, time)}))
+    found = run.operations[0].plan
+    facts = {
+        "scenario": str(scenario),
+        "law": case.law.name,
+        "plan": plan_facts(found),
+        "phases": phase_facts(found),
+        "sequence": sequence_facts(case, run),
+        "operations": operation_facts(run),
+    }
+    _write_json(json_file, facts)
 
     console = _tables(csv, json_file)
-    print_plan(console, case, found)
-    checks = evaluate_expectations(case.expect, planned_values(found))
+    print_plan(console, case, run)
+    checks = evaluate_expectations(case.expect, planned_values(run))
     print_checks(console, checks)
-    found.require_within(case.limits)
+    run.require_within(case.limits)
     if not all(check.ok for check in checks):
         raise typer.Exit(1)
 
@@ -200,7 +207,8 @@ def run(
     ] = 0,
     cpu: Annotated[int | None, typer.Option("--cpu", metavar="N", help="processor for the step loop", min=0)] = None,
     cycles: Annotated[
-        int | None, typer.Option("--cycles", metavar="N", help="there and back N times; without it: one way", min=1, max=100_000)
+        int | None,
+        typer.Option("--cycles", metavar="N", help="there and back, or the sequence, N times", min=1, max=100_000),
     ] = None,
     telemetry: Annotated[bool, typer.Option("--telemetry/--no-telemetry", help="publish over Zenoh")] = True,
     connect: ConnectOption = None,

@@ -25,9 +25,9 @@ def _library() -> Path:
 
 
 def _declarations() -> str:
-    """The header without its include guard; it has no other preprocessor lines."""
-    header = (FMU_SRC / "kernel" / "kernel.h").read_text(encoding="utf-8")
-    return re.sub(r"^#.*$", "", header, flags=re.MULTILINE)
+    """The headers without their include guards; they have no other preprocessor lines."""
+    headers = [(FMU_SRC / name).read_text(encoding="utf-8") for name in ("kernel/kernel.h", "planner/feed.h")]
+    return re.sub(r"^#.*$", "", "".join(headers), flags=re.MULTILINE)
 
 
 ffi: Any = cffi.FFI()

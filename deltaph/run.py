@@ -17,11 +17,12 @@ from deltaph.errors import DeltaphError
 from deltaph.execution import Trace, evaluate
 from deltaph.fmu import cached_fmus
 from deltaph.frame import Frame, Frames
-from deltaph.importer import Schedule, cosimulate, schedule
+from deltaph.importer import cosimulate
 from deltaph.pacing import Undisturbed
-from deltaph.report import executed_facts, plan_facts, print_run, timing_facts
+from deltaph.report import executed_facts, operation_facts, plan_facts, print_run, sequence_facts, timing_facts
 from deltaph.scenario import Scenario, load_scenario
 from deltaph.scene import corner_marks, scene_of
+from deltaph.schedule import Schedule, schedule
 from deltaph.telemetry import BackgroundSink, CellKeys, Publisher
 from deltaph.verdict import provenance_facts, summary_markdown
 
@@ -82,9 +83,7 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
     """
     scenario = load_cell(path, options)
     run = schedule(scenario, options.cycles)
-    for operation in run.operations[:2]:
-        operation.plan.require_within(scenario.limits)
-    plan = run.operations[0].plan
+    run.require_within(scenario.limits)
     with log.status("building the FMUs"):
         fmus = cached_fmus()
 
@@ -105,14 +104,16 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
 
         trace = Trace(frames)
         execution = evaluate(trace, run)
-        values = planned_values(plan) | executed_values(execution)
+        values = planned_values(run) | executed_values(execution)
         checks = evaluate_expectations(scenario.expect, values, execution.trip)
         facts = {
             "scenario": str(path),
             "law": scenario.law.name,
             "steps": run.steps,
             "communication_step_s": run.communication_step_ms / 1000.0,
-            "plan": plan_facts(plan),
+            "plan": plan_facts(run.operations[0].plan),
+            "sequence": sequence_facts(scenario, run),
+            "operations": operation_facts(run, execution),
             "executed": executed_facts(execution),
             "timing": timing_facts(trace, realtime=options.realtime is not None),
             "telemetry": {
@@ -128,7 +129,7 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
         if recorder is not None:
             recorder.summary(summary_markdown(scenario, facts), json.dumps(facts), corner_marks(facts, recorder.scene))
 
-    print_run(console, scenario, plan, execution, trace, checks, realtime=options.realtime is not None)
+    print_run(console, scenario, run, facts, execution, trace, checks, realtime=options.realtime is not None)
     if options.record is not None:
         log.print(f"recorded {options.record}: open it with `deltaph view {options.record}`", style="dim", soft_wrap=True)
     return Result(frames, facts, all(check.ok for check in checks))

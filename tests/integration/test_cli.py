@@ -115,7 +115,7 @@ def test_plan_reports_and_writes_everything(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
     assert "303 ms" in result.stdout
     report = json.loads((tmp_path / "plan.json").read_text())
-    assert set(report) == {"scenario", "law", "plan", "phases"}
+    assert set(report) == {"scenario", "law", "plan", "phases", "sequence", "operations"}
     assert report["plan"]["duration_s"] == 0.303
     assert report["plan"]["corner_deviation_m"] == [0.006, 0.006]
     assert [p["name"] for p in report["phases"]] == ["lift", "pick_corner", "accelerate", "decelerate", "place_corner", "lower"]
@@ -257,7 +257,7 @@ def test_run_reports_planned_and_executed_side_by_side(tmp_path: Path) -> None:
     report = json.loads((tmp_path / "run.json").read_text())
     assert set(report) == {
         "scenario", "law", "steps", "communication_step_s", "plan", "executed", "timing", "telemetry", "recording",
-        "expect", "provenance",
+        "expect", "provenance", "sequence", "operations",
     }  # fmt: skip
     assert report["steps"] == 353
     assert report["executed"]["corner_deviation_m"] == pytest.approx([0.006, 0.006], abs=5e-5)
