@@ -16,9 +16,10 @@ from rich.table import Table
 
 from deltaph.execution import Trace
 from deltaph.fmu import cached_fmus
-from deltaph.importer import cosimulate, schedule
+from deltaph.importer import cosimulate
 from deltaph.plan import Plan
 from deltaph.scenario import Law, Limits, Scenario
+from deltaph.schedule import schedule
 
 ROUNDS = 50
 CYCLES = 20

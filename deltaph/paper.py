@@ -15,9 +15,10 @@ from deltaph.cost import cost_claims
 from deltaph.execution import Execution, Trace, evaluate
 from deltaph.files import replace as replace_file
 from deltaph.fmu import cached_fmus
-from deltaph.importer import cosimulate, schedule
+from deltaph.importer import cosimulate
 from deltaph.plan import Plan
 from deltaph.scenario import Scenario, Task, parse_scenario, template
+from deltaph.schedule import schedule
 from deltaph.telemetry.figures import Method, write_figures
 
 FloatArray = NDArray[np.float64]
@@ -98,7 +99,9 @@ def _read_literally(plan: Plan) -> float:
 
 def _claims(proposed: _Done, comparison: _Done, equal: _Done) -> list[Claim]:
     p, c, e = proposed.plan, comparison.plan, equal.plan
-    rotated = [Plan.of(replace(d.scenario, task=_rotated(d.scenario.task))).corner_deviation[0] for d in (proposed, comparison)]
+    rotated = [
+        Plan(d.scenario.robot, _rotated(d.scenario.task), d.scenario.law).corner_deviation[0] for d in (proposed, comparison)
+    ]
     overlaps = [1e3 * _deviation(comparison.scenario, overlap) for overlap in (0.25, 0.5, 0.75)]
     speeds = [1e3 * _deviation(comparison.scenario, 0.5, speed) for speed in (0.5, 1.0, 1.5)]
     torque, acceleration, motor = (

@@ -1,4 +1,4 @@
-"""`deltaph record`: follow a cell over Zenoh and write the recording that `deltaph run --record` writes."""
+"""`deltaph record` and `deltaph view --live`: follow a cell over Zenoh, into the recording that `deltaph run --record` writes."""
 
 from __future__ import annotations
 
@@ -12,41 +12,62 @@ from rich.console import Console
 from deltaph.errors import DeltaphError
 from deltaph.scenario import scenario_from_json
 from deltaph.scene import corner_marks, scene_of
-from deltaph.telemetry import CellKeys, Recorder, Subscriber
-from deltaph.verdict import summary_markdown
+from deltaph.telemetry import CellKeys, Destination, Recorder, Subscriber
+from deltaph.verdict import serving_markdown, summary_markdown
 
 
-def record_cell(cell: str, connect: Sequence[str], output: Path, log: Console) -> None:
-    """Wait for a cell, record it until it goes or Ctrl-C, and say what was lost on the way.
+def follow_cell(
+    cell: str, connect: Sequence[str], destination: Path | Destination, log: Console, zenoh_config: Path | None = None
+) -> str:
+    """Wait for a cell and follow it until it goes or Ctrl-C.
+
+    Args:
+        cell: name of the cell.
+        connect: endpoints to connect to; the first that answers is taken; without any as `Subscriber` has it.
+        destination: file to write, or another place.
+        log: for what happens meanwhile.
+        zenoh_config: a Zenoh configuration file.
+
+    Returns:
+        what came and what was lost on the way, in words.
 
     Raises:
-        DeltaphError: nothing answers, the cell does not say what it runs, or the file cannot be written.
+        DeltaphError: nothing answers, the cell does not say what it runs, or the destination fails.
     """
     try:
         CellKeys(cell)
     except ValueError as error:
         raise DeltaphError(str(error)) from error
     with ExitStack() as stack:
-        with log.status(f"waiting for cell {cell} on {' or '.join(connect)}"):
-            subscriber = stack.enter_context(Subscriber(cell, connect))
+        where = f" on {' or '.join(connect)}" if connect else ""
+        with log.status(f"waiting for cell {cell}{where}"):
+            subscriber = stack.enter_context(Subscriber(cell, connect, config=zenoh_config))
             subscriber.wait_for_cell()
             scenario = scenario_from_json(json.dumps(subscriber.ask("scenario")))
         scene = scene_of(scenario)
-        recorder = Recorder(output, scene)
+        recorder = Recorder(destination, scene)
         stack.callback(recorder.close)
         try:
-            with log.status(f"recording {scenario.title}"):
+            with log.status(f"following {scenario.title}"):
                 for name, record in subscriber.messages():
                     recorder.take_message(name, record)
         except KeyboardInterrupt:
             log.print("interrupted: the recording ends here", style="dim", soft_wrap=True)
         if subscriber.summary is not None:
             facts = subscriber.summary
-            recorder.summary(summary_markdown(scenario, facts), json.dumps(facts), corner_marks(facts, scene))
-    lost = sum(subscriber.missing.values())
-    received = subscriber.received["actual"]
-    log.print(
-        f"recorded {output}: {received} frames, {lost or 'no'} messages lost; open it with `deltaph view {output}`",
-        style="dim",
-        soft_wrap=True,
-    )
+            if "commands" in facts:  # of a cell that served
+                recorder.summary(serving_markdown(scenario, facts), json.dumps(facts))
+            else:
+                recorder.summary(summary_markdown(scenario, facts), json.dumps(facts), corner_marks(facts, scene))
+    found = f"{subscriber.received['actual']} frames, {sum(subscriber.missing.values()) or 'no'} messages lost"
+    return found if subscriber.summary is not None else f"{found}, without the cell's end"
+
+
+def record_cell(cell: str, connect: Sequence[str], output: Path, log: Console, zenoh_config: Path | None = None) -> None:
+    """Record a cell into a file.
+
+    Raises:
+        DeltaphError: as `follow_cell`.
+    """
+    found = follow_cell(cell, connect, output, log, zenoh_config)
+    log.print(f"recorded {output}: {found}; open it with `deltaph view {output}`", style="dim", soft_wrap=True)

@@ -1,6 +1,6 @@
 """Telemetry: messages over Zenoh, and recordings. It sees frames and variable tables only.
 
-`Recorder` is imported when it is asked for: Rerun takes a second to import.
+`Recorder` and `Destination` are imported when they are asked for: Rerun takes a second to import.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from deltaph.telemetry.background import BackgroundSink
+from deltaph.telemetry.commands import CommandClient, CommandService, FeedFacts, PlanFacts, PpoRequest, RefusedPlan, Reply
 from deltaph.telemetry.events import EVENT_KINDS, EventKind
 from deltaph.telemetry.keys import MESSAGE_NAMES, CellKeys, MessageName
 from deltaph.telemetry.messages import Layout, layout, schema_document
@@ -17,6 +18,7 @@ from deltaph.telemetry.session import DEFAULT_ENDPOINT, open_router_session
 from deltaph.telemetry.subscriber import Message, Subscriber
 
 if TYPE_CHECKING:
+    from deltaph.telemetry.destination import Destination
     from deltaph.telemetry.recording import Recorder
 
 __all__ = [
@@ -25,12 +27,20 @@ __all__ = [
     "MESSAGE_NAMES",
     "BackgroundSink",
     "CellKeys",
+    "CommandClient",
+    "CommandService",
+    "Destination",
     "EventKind",
+    "FeedFacts",
     "Layout",
     "Message",
     "MessageName",
+    "PlanFacts",
+    "PpoRequest",
     "Publisher",
     "Recorder",
+    "RefusedPlan",
+    "Reply",
     "Scene",
     "Subscriber",
     "layout",
@@ -44,4 +54,8 @@ def __getattr__(name: str) -> Any:
         from deltaph.telemetry.recording import Recorder
 
         return Recorder
+    if name == "Destination":
+        from deltaph.telemetry.destination import Destination
+
+        return Destination
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -141,8 +141,8 @@ def _joint_words(coinciding: Sequence[int]) -> str:
     return f"{apart} {colors[apart - 1]}; {under} and {over} move alike: {colors[over - 1]} over {colors[under - 1]}"
 
 
-def blueprint(scene: Scene) -> rrb.Blueprint:
-    """The layout of a recording."""
+def blueprint(scene: Scene, *, live: bool = False) -> rrb.Blueprint:
+    """The layout of a recording; of a live one the cursor stays at the newest rows."""
     joints = _joint_words(scene.coinciding_joints)
     deviation = rrb.Vertical(
         _deviations(scene),
@@ -190,7 +190,7 @@ def blueprint(scene: Scene) -> rrb.Blueprint:
     )
     return rrb.Blueprint(
         rrb.Horizontal(left, rrb.Tabs(deviation, motion, drives, tool, timing, events, active_tab=0), column_shares=[11, 9]),
-        rrb.TimePanel(state="collapsed", timeline="sim_time", play_state="paused"),
+        rrb.TimePanel(state="collapsed", timeline="sim_time", play_state="following" if live else "paused"),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
     )

@@ -55,7 +55,7 @@ def marks(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str, Any]
     """Where the executed path comes closest to each vertex, and how close, in words."""
     for mark in found:
         entity, move = f"corner/{CORNERS[mark.corner]}", scene.moves[mark.move]
-        where = f", move {mark.move + 1}" if len(scene.moves) > 1 else ""
+        where = f", {move.name or f'move {mark.move + 1}'}" if len(scene.moves) > 1 else ""
         nearest = move.seen_from(mark.corner, np.array(mark.nearest))
         distances = move.seen_from(mark.corner, move.planned_path)
         planned = distances[np.argmin(np.linalg.norm(distances, axis=1))]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -12,10 +11,10 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from deltaph.errors import EnvironmentProblem
 from deltaph.frame import Frame
 from deltaph.telemetry.blueprint import blueprint
 from deltaph.telemetry.corner import executed_entity, marks, near, still_corners
+from deltaph.telemetry.destination import Destination, RecordingFile
 from deltaph.telemetry.events import EventWatch, level, sentence
 from deltaph.telemetry.keys import FRAME_MESSAGES, MessageName
 from deltaph.telemetry.messages import Layout, Records, layout
@@ -32,17 +31,21 @@ _LANES: tuple[tuple[str, MessageName, str], ...] = (("phase", "setpoint", "path.
 class Recorder:
     """A sink that writes a recording. Rows are written in chunks, and what is left on `close`.
 
+    Chunks end at whole multiples of their length, whichever way the rows come: recordings of one run are equal, chunk by chunk.
+
     Args:
-        path: file to write; checked now, written from the first chunk on, so that a run that never starts leaves nothing behind.
+        destination: file to write, or another place.
         scene: what is known before the run.
-        chunk: frames that are written at once; writing them takes some 50 ms of its thread.
+        chunk: communication steps that are written at once; the destination's where it is not given.
 
     Raises:
         EnvironmentProblem: the file cannot be written.
     """
 
-    def __init__(self, path: Path, scene: Scene, *, chunk: int = 2000) -> None:
-        self._chunk = chunk
+    def __init__(self, destination: Path | Destination, scene: Scene, *, chunk: int | None = None) -> None:
+        self._destination = RecordingFile(destination) if isinstance(destination, Path) else destination
+        self._chunk = chunk or self._destination.chunk
+        self._end = 0  # step at which the chunk ends
         self._frames: list[Frame] = []
         self._messages: dict[MessageName, list[np.void]] = {name: [] for name in FRAME_MESSAGES}
         self._signals = signals(scene)
@@ -56,18 +59,23 @@ class Recorder:
         self._last: dict[MessageName, Records] = {}  # one record each
         self._summary: tuple[str, str, Sequence[CornerMark]] | None = None
         self._closed = False
-        self._path = path
         self._scene = scene
-        self._blueprint = blueprint(scene)
+        self._blueprint = blueprint(scene, live=self._destination.live)
         self._still = list(self._stills())
         self._open_stream: rr.RecordingStream | None = None
-        _check_writable(path)
+
+    @property
+    def scene(self) -> Scene:
+        """What was known before the run."""
+        return self._scene
 
     def take(self, frame: Frame) -> None:
         """Take a frame of a run."""
+        if frame.step >= self._end:
+            if self._destination.due():
+                self._write_frames()
+            self._end = self._next_end(frame.step)
         self._frames.append(frame)
-        if len(self._frames) >= self._chunk:
-            self._write_frames()
 
     def take_message(self, name: MessageName, record: np.void) -> None:
         """Take a decoded message of a cell. A `plan` is not recorded: an event says the same."""
@@ -76,9 +84,15 @@ class Recorder:
         if name not in self._messages:
             return
         self._messages[name].append(record)
-        if len(self._messages[name]) >= self._chunk:
+        if record["sequence"] >= self._end:
             newest = min(int(messages[-1]["sequence"]) if messages else -1 for messages in self._messages.values())
-            self._write_messages(newest)
+            if newest >= self._end:  # all of the chunk is here: messages come in order, an event after the frame it is seen in
+                if self._destination.due():
+                    self._write_messages(self._end)
+                self._end = self._next_end(newest)
+
+    def _next_end(self, step: int) -> int:
+        return (step // self._chunk + 1) * self._chunk
 
     def summary(self, markdown: str, summary_json: str, corners: Sequence[CornerMark] = ()) -> None:
         """The verdict that `close` writes: a text to read, the facts, and the closest approaches to mark."""
@@ -105,21 +119,19 @@ class Recorder:
                 self._stream.send_property("summary", rr.AnyValues(json=facts))
                 for entity, archetype in marks(self._scene, corners):
                     self._stream.log(entity, archetype, static=True, strict=True)
+                self._destination.written(self._stream)
         finally:
             if self._open_stream is not None:
                 self._open_stream.disconnect()
-                _check_complete(self._path)
+                self._destination.end()
 
     @property
     def _stream(self) -> rr.RecordingStream:
-        """The file, begun with what does not move when the first rows come."""
+        """The recording, begun with what does not move when the first rows come."""
         if self._open_stream is None:
             stream = rr.RecordingStream(APPLICATION_ID)
             stream.set_log_time_enabled(False)
-            try:
-                stream.save(self._path, default_blueprint=self._blueprint)
-            except RuntimeError as error:
-                raise EnvironmentProblem(f"cannot write {self._path}: {error}") from error
+            self._destination.begin(stream, self._blueprint)
             self._open_stream = stream
             stream.send_recording_name(self._scene.title)
             facts = rr.AnyValues(title=self._scene.title, law=self._scene.law, json=self._scene.scenario_json)
@@ -130,7 +142,7 @@ class Recorder:
         return self._open_stream
 
     def _stills(self) -> Iterator[tuple[str, Any]]:
-        yield "summary", _text(f"# {self._scene.title}\n\nLaw `{self._scene.law}`. The run ended before its summary.")
+        yield "summary", _text(f"# {self._scene.title}\n\nLaw `{self._scene.law}`. The verdict comes at the end of the run.")
         yield from still_world(self._scene)
         yield from still_corners(self._scene)
         yield from self._world.styles()
@@ -145,23 +157,25 @@ class Recorder:
         if frames:
             event = layout("event")
             self._events += [event.decode(event.encode(found, 0)) for frame in frames for found in self._watch.see(frame)]
-            self._write({name: layout(name).records(frames) for name in FRAME_MESSAGES})
+            self._write({name: layout(name).records(frames) for name in FRAME_MESSAGES}, None)
 
-    def _write_messages(self, newest: int | None) -> None:
-        """Write the messages up to a sequence number, or all; later ones stay, so that setpoints meet their actual values."""
+    def _write_messages(self, end: int | None) -> None:
+        """Write the messages before a sequence number, or all; later ones stay, so that setpoints meet their actual values."""
         rows: dict[MessageName, Records] = {}
         for name, messages in self._messages.items():
-            count = len(messages) if newest is None else sum(int(m["sequence"]) <= newest for m in messages)
+            count = len(messages) if end is None else sum(int(m["sequence"]) < end for m in messages)
             rows[name] = np.array(messages[:count], dtype=layout(name).dtype)
             del messages[:count]
-        self._write(rows)
+        self._write(rows, end)
 
-    def _write(self, rows: dict[MessageName, Records]) -> None:
+    def _write(self, rows: dict[MessageName, Records], end: int | None) -> None:
         for name, records in rows.items():
             if len(records):
                 self._write_message(name, records)
         self._write_tracking_errors(rows["setpoint"], rows["actual"])
-        self._write_events()
+        self._write_events(end)
+        if self._open_stream is not None:
+            self._destination.written(self._open_stream)
 
     def _write_message(self, name: MessageName, records: Records) -> None:
         self._last[name] = records[-1:]
@@ -257,9 +271,11 @@ class Recorder:
                 rows = rr.Scalars.columns(scalars=error.factor * difference[shown])
                 self._send(error.entity, _index(actual, shown), rows)
 
-    def _write_events(self) -> None:
-        """What happened, in words."""
-        events, self._events = np.array(self._events, dtype=layout("event").dtype), []
+    def _write_events(self, end: int | None) -> None:
+        """What happened before a step, or all of it, in words."""
+        due = [event for event in self._events if end is None or event["step"] < end]
+        self._events = [event for event in self._events if end is not None and event["step"] >= end]
+        events = np.array(due, dtype=layout("event").dtype)
         if len(events):
             texts = rr.TextLog.columns(text=[sentence(event) for event in events], level=[level(event) for event in events])
             self._send("event", _index(events, step="step"), texts)
@@ -292,35 +308,3 @@ def _index(records: Records, chosen: NDArray[np.bool_] | slice = _ALL, step: str
     nanoseconds = np.rint(records["time"][chosen] * 1e9).astype("timedelta64[ns]")
     steps = records[step][chosen].astype(np.int64)
     return [rr.TimeColumn("sim_time", duration=nanoseconds), rr.TimeColumn("step", sequence=steps)]
-
-
-def _check_writable(path: Path) -> None:
-    """Refuse a file that cannot be written; an existing one keeps its content.
-
-    Raises:
-        EnvironmentProblem: naming the file and the reason.
-    """
-    existed = path.exists()
-    try:
-        path.open("ab").close()
-    except OSError as error:
-        raise EnvironmentProblem(f"cannot write {path}: {error.strerror or error}") from error
-    if not existed:
-        path.unlink()
-
-
-def _check_complete(path: Path) -> None:
-    """Look for the footer: the writing thread of Rerun only warns when it fails, on a full disk for one.
-
-    Raises:
-        EnvironmentProblem: there is none; the file is removed.
-    """
-    from rerun.chunk import RrdReader
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            RrdReader(path).store()
-        except (RuntimeError, ValueError, OSError) as error:
-            path.unlink(missing_ok=True)
-            raise EnvironmentProblem(f"cannot write {path}: the recording did not become whole; is the disk full?") from error

@@ -6,10 +6,10 @@ import subprocess
 import warnings
 from pathlib import Path
 
-import rerun_cli
 from rerun.chunk import RrdReader
 
 from deltaph.errors import EnvironmentProblem
+from deltaph.telemetry.viewer import rerun_binary
 
 
 def is_whole(path: Path) -> bool:
@@ -29,8 +29,7 @@ def repair(path: Path, repaired: Path) -> None:
     Raises:
         EnvironmentProblem: nothing can be read.
     """
-    binary = Path(rerun_cli.__file__).with_name("rerun")
-    command = [str(binary), "rrd", "optimize", "--continue-on-error", str(path), "-o", str(repaired)]
+    command = [str(rerun_binary()), "rrd", "optimize", "--continue-on-error", str(path), "-o", str(repaired)]
     done = subprocess.run(command, capture_output=True, check=False)
     if done.returncode != 0 or not is_whole(repaired):
         repaired.unlink(missing_ok=True)

@@ -20,9 +20,10 @@ from make_pictures import viewer_of
 
 from deltaph.fmu import cached_fmus
 from deltaph.frame import Frame
-from deltaph.importer import cosimulate, schedule
+from deltaph.importer import cosimulate
 from deltaph.scenario import load_scenario
 from deltaph.scene import scene_of
+from deltaph.schedule import schedule
 from deltaph.telemetry import Recorder
 
 ROOT = Path(__file__).parents[2]
