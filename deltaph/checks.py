@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from deltaph.execution import Execution
-from deltaph.plan import Plan
 from deltaph.scenario import Scenario
 from deltaph.scenario_file import Expectation, ExpectSection
+from deltaph.schedule import Schedule
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,12 +54,15 @@ def _check(name: str, expectation: Expectation, values: Sequence[float]) -> Chec
     return Check(name, worst, _bound(expectation), excess(worst) <= 0.0)
 
 
-def planned_values(plan: Plan) -> dict[str, list[float]]:
-    """What a plan can be expected to show, by key of `[expect]`."""
+def planned_values(run: Schedule) -> dict[str, list[float]]:
+    """What plans can be expected to show, by key of `[expect]`; of a sequence, those of every operation."""
+    plans = [operation.plan for operation in run.one_pass]
     return {
-        "duration_ms": [1e3 * plan.duration],
-        "nominal_duration_ms": [1e3 * plan.nominal_duration],
-        "planned_corner_deviation_mm": [1e3 * d for d in plan.corner_deviation],
+        "duration_ms": [1e3 * plan.duration for plan in plans],
+        "nominal_duration_ms": [1e3 * plan.nominal_duration for plan in plans],
+        "planned_corner_deviation_mm": [1e3 * d for plan in plans for d in plan.corner_deviation],
+        "cycle_time_ms": [1e3 * run.cycle_time],
+        "parts_per_minute": [run.parts_per_minute],
     }
 
 
@@ -67,6 +70,8 @@ def executed_values(execution: Execution) -> dict[str, list[float]]:
     """What a run can be expected to show, by key of `[expect]`."""
     return {
         "executed_corner_deviation_mm": [1e3 * d for d in execution.corner_deviation],
+        "corner_excess_mm": [1e3 * (corner.executed - corner.prescribed) for corner in execution.corners],
+        "arrival_ms": [1e3 * execution.arrival] if execution.arrival is not None else [],
         "overshoot_mm": [1e3 * execution.overshoot],
         "tracking_error_tcp_mm": [1e3 * execution.tracking_error_tcp_max],
         "tracking_error_joint_mrad": [1e3 * execution.tracking_error_joint_max],
@@ -88,7 +93,7 @@ def evaluate_expectations(expect: ExpectSection, values: dict[str, list[float]],
     checks = [
         _check(name, expectation, values[name])
         for name in ExpectSection.model_fields
-        if isinstance(expectation := getattr(expect, name), Expectation) and name in values
+        if isinstance(expectation := getattr(expect, name), Expectation) and values.get(name)
     ]
     if trip is not None and (expect.trip is not None or trip != "none"):
         expected = expect.trip or "none"
@@ -99,6 +104,8 @@ def evaluate_expectations(expect: ExpectSection, values: dict[str, list[float]],
 
 
 def deviation_tolerance(scenario: Scenario) -> float:
-    """The scenario's tolerance on the executed corner deviation [m]."""
-    expectation = scenario.expect.executed_corner_deviation_mm
-    return expectation.tolerance / 1000.0 if expectation is not None else 0.0
+    """By how much the scenario lets an executed corner deviation exceed what is prescribed [m]."""
+    excess, deviation = scenario.expect.corner_excess_mm, scenario.expect.executed_corner_deviation_mm
+    if excess is not None and excess.high is not None:
+        return max(excess.high, 0.0) / 1000.0
+    return deviation.tolerance / 1000.0 if deviation is not None else 0.0

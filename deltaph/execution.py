@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from deltaph.feed import FeedClock
 from deltaph.frame import TIMING, Frame, columns
-from deltaph.importer import Operation, Schedule
 from deltaph.plan import Plan
+from deltaph.schedule import Operation, Schedule
 from deltaph.variables import Model, variable_table
 
 FloatArray = NDArray[np.float64]
@@ -53,9 +55,11 @@ class CornerPass:
 
     Attributes:
         operation: number of the operation.
-        side: 0 at the pick side, 1 at the place side; of cycles, that of the way there.
+        move: its name.
+        side: 0 above a pick point, 1 above a place point, which a return passes first.
         prescribed: corner deviation [m].
         planned: corner deviation [m].
+        bound: what made it smaller than prescribed; empty where nothing did.
         executed: corner deviation [m].
         reached: whether the tool came as far as the corner; if not, `executed` is how far away it remained.
         time: of the closest approach to the vertex [s].
@@ -66,9 +70,11 @@ class CornerPass:
     """
 
     operation: int
+    move: str
     side: int
     prescribed: float
     planned: float
+    bound: str
     executed: float
     reached: bool
     time: float
@@ -85,6 +91,7 @@ class Execution:
     Attributes:
         corner_deviation: of each operation's two corners in path order [m].
         corners: the same corners, with the reasons.
+        arrival: when the planner had done all it was asked for; None where the frames end before [s].
         overshoot: largest excursion outside the right-angle paths [m].
         tracking_error_joint_max: [rad].
         tracking_error_tcp_max: [m].
@@ -100,6 +107,7 @@ class Execution:
 
     corner_deviation: tuple[float, ...]
     corners: tuple[CornerPass, ...]
+    arrival: float | None
     overshoot: float
     tracking_error_joint_max: float
     tracking_error_tcp_max: float
@@ -148,15 +156,15 @@ PATH_STEP = 1e-4
 
 
 def _corner_passes(
-    operation: Operation, planned: NDArray[np.void], begin: float, time: FloatArray, tool: tuple[FloatArray, FloatArray]
+    operation: Operation, clock: FeedClock, planned: NDArray[np.void], time: FloatArray, tool: tuple[FloatArray, FloatArray]
 ) -> Iterator[tuple[float, float, FloatArray, float, float, bool]]:
     """How the two corners of an operation were passed, in path order.
 
     Args:
         operation: its plan.
+        clock: the planner's.
         planned: setpoints of its plan, PATH_STEP apart.
-        begin: of the operation [s].
-        time: of its frames (n,) [s].
+        time: of its frames, from the start of the run on (n,) [s].
         tool: executed position (n, 3) [m] and velocity (n, 3) [m/s].
 
     Yields:
@@ -165,7 +173,7 @@ def _corner_passes(
     """
     for vertex in operation.plan.vertices:
         executed, at, point = nearest_point(time, *tool, vertex)
-        setpoint = operation.plan.sample(np.array([at - begin]))[0]
+        setpoint = operation.plan.sample(clock.at(np.array([at])) - operation.clock_ms / 1000.0)[0]
         here, corner = (
             float(planned["arc_length"][np.argmin(np.linalg.norm(planned["tcp_position"] - place, axis=1))])
             for place in (point, vertex)
@@ -190,58 +198,64 @@ def overshoot(position: FloatArray, plan: Plan) -> float:
     return float(np.sqrt(outside**2 + lateral**2 + vertical**2).max())
 
 
+def _arrival(trace: Trace) -> int | None:
+    """The frame with which the planner has done all it was asked for; None where it has not."""
+    busy = np.flatnonzero(trace["planner", "plan_busy"])
+    done = int(busy[-1]) + 1 if len(busy) else 0
+    return done if done < len(trace.time) else None
+
+
 def evaluate(trace: Trace, run: Schedule) -> Execution:
     """Evaluate the frames of a run against its schedule; frames that are missing at the end are not missed."""
     position, velocity = trace["plant", "tcp_position"], trace["plant", "tcp_velocity"]
-    step_ms = run.communication_step_ms
     joint_error = trace["planner", "joint_position"] - trace["plant", "joint_position"]
     corners: list[CornerPass] = []
-    planned = {id(operation.plan): operation.plan for operation in run.operations}  # ways there and back share theirs
-    paths = {key: plan.sample(plan.grid(1000.0 * PATH_STEP)) for key, plan in planned.items()}
-    cycling = len(planned) < len(run.operations)
+    paths = {id(o.plan): o.plan.sample(o.plan.grid(1000.0 * PATH_STEP)) for o in run.one_pass}
     overshoots = [0.0]
     for number, operation in enumerate(run.operations):
-        first, last = operation.start_ms // step_ms, -(-operation.end_ms // step_ms)
-        window = slice(first, min(last, len(trace.time) - 1) + 1)
+        window = slice(math.floor(operation.start_ms / run.communication_step_ms), run.step_at(operation.end_ms) + 1)
         if len(trace.time[window]) < 2:
             break
-        plan, time, begin = operation.plan, trace.time[window], trace.time[0] + operation.start_ms / 1000.0
-        passes = _corner_passes(operation, paths[id(plan)], begin, time, (position[window], velocity[window]))
+        plan, time = operation.plan, trace.time[window] - trace.time[0]
+        passes = _corner_passes(operation, run.clock, paths[id(plan)], time, (position[window], velocity[window]))
         for corner, (executed, at, point, error, lag, reached) in enumerate(passes):
             corners.append(
                 CornerPass(
                     operation=number,
-                    side=corner ^ (number % 2) if cycling else corner,
+                    move=operation.move.name,
+                    side=corner ^ operation.move.is_return,
                     prescribed=plan.task.corner_deviation[corner],
                     planned=plan.corner_deviation[corner],
+                    bound=plan.corner_bound[corner],
                     executed=executed,
                     reached=reached,
-                    time=at,
+                    time=float(trace.time[0]) + at,
                     nearest=tuple(point.tolist()),
                     tracking_error=error,
                     lag=lag,
                     joint_tracking_error=tuple(float(np.interp(at, time, joint)) for joint in joint_error[window].T),
                 )
             )
-        overshoots.append(overshoot(position[window], operation.plan))
-    overshoots.append(overshoot(position[run.arrival_step :], run.operations[-1].plan) if len(position) > run.arrival_step else 0.0)
+        overshoots.append(overshoot(position[window], plan))
+    last = run.arrival_step
+    overshoots.append(overshoot(position[last:], run.operations[-1].plan) if len(position) > last else 0.0)
 
-    moving = slice(0, run.arrival_step + 1)
-    torque = trace["plant", "motor_torque"][moving]
-    tcp_error = trace["planner", "tcp_position"] - position
-    arrival = min(run.arrival_step, len(position) - 1)
+    torque = trace["plant", "motor_torque"][: last + 1]
+    count, arrived = len(run.operations), min(last, len(position) - 1)
+    arrival = _arrival(trace)
     trip = trace["plant", "trip"].astype(int)
     return Execution(
         corner_deviation=tuple(corner.executed for corner in corners),
         corners=tuple(corners),
+        arrival=float(trace.time[arrival]) if arrival is not None else None,
         overshoot=max(overshoots),
         tracking_error_joint_max=float(np.abs(joint_error).max()),
-        tracking_error_tcp_max=float(np.linalg.norm(tcp_error, axis=1).max()),
+        tracking_error_tcp_max=float(np.linalg.norm(trace["planner", "tcp_position"] - position, axis=1).max()),
         motor_torque_max=tuple(np.abs(torque).max(axis=0).tolist()),
         motor_torque_rms=tuple(np.sqrt((torque**2).mean(axis=0)).tolist()),
         motor_load_max=tuple(trace["plant", "motor_load"].max(axis=0).tolist()),
-        motor_work=tuple((trace["plant", "motor_work"][arrival] / len(run.operations)).tolist()),
-        motor_regenerated=tuple((trace["plant", "motor_regenerated"][arrival] / len(run.operations)).tolist()),
+        motor_work=tuple((trace["plant", "motor_work"][arrived] / count).tolist()),
+        motor_regenerated=tuple((trace["plant", "motor_regenerated"][arrived] / count).tolist()),
         trip=variable_table("plant").items("Trip")[int(trip[-1])],
         trip_time=float(trace.time[0] + trace["plant", "trip_time"][-1]) if trip[-1] else None,
         trip_axis=int(trace["plant", "trip_axis"][-1]),

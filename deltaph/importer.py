@@ -10,17 +10,21 @@ import contextlib
 import math
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import count, takewhile
 from pathlib import Path
+from types import MappingProxyType
+from typing import Protocol
 
 import numpy as np
 
+from deltaph.errors import DeltaphError
 from deltaph.fmu.terminals import JOINTS, MEMBERS
-from deltaph.frame import Frame, Frames
+from deltaph.frame import Frame, Frames, FrameStore
 from deltaph.pacing import Account, Pacer, Undisturbed, undisturbed
-from deltaph.plan import Plan
-from deltaph.scenario import Fault, Limits, Scenario, Task
+from deltaph.scenario import Fault, Limits, Move, Scenario, Task
+from deltaph.schedule import Schedule
 from deltaph.slave import Slave
 from deltaph.variables import Model, variable_table
 
@@ -28,70 +32,6 @@ CONNECTIONS: tuple[tuple[str, str], ...] = tuple(
     (f"joint[{i}].{output}", f"joint[{i}].{reference}") for output, reference in MEMBERS.items() for i in JOINTS
 )
 """Planner output -> plant input."""
-
-
-@dataclass(frozen=True, slots=True)
-class Operation:
-    """One pick-and-place operation of a run.
-
-    Attributes:
-        start_ms: when it begins [ms].
-        plan: what is planned.
-        request_step: communication point at which it is asked for; the first one is asked for by the start values.
-    """
-
-    start_ms: int
-    plan: Plan
-    request_step: int
-
-    @property
-    def end_ms(self) -> int:
-        """When it arrives [ms]."""
-        return self.start_ms + self.plan.duration_ms
-
-
-@dataclass(frozen=True, slots=True)
-class Schedule:
-    """What a run does: operations back to back, then settling.
-
-    Attributes:
-        operations: in order.
-        steps: number of communication steps.
-        communication_step_ms: [ms].
-    """
-
-    operations: tuple[Operation, ...]
-    steps: int
-    communication_step_ms: int
-
-    @property
-    def arrival_step(self) -> int:
-        """The communication point at or after the last arrival."""
-        return -(-self.operations[-1].end_ms // self.communication_step_ms)
-
-
-def schedule(scenario: Scenario, cycles: int | None = None) -> Schedule:
-    """Plan a run: one way, or there and back `cycles` times.
-
-    Raises:
-        InfeasibleError: a task cannot be planned.
-    """
-    there = Plan.of(scenario)
-    plans = [there]
-    if cycles is not None:
-        plans = [
-            there,
-            Plan(scenario.robot, scenario.task.reversed(), scenario.law, scenario.declared_payload, scenario.limits),
-        ] * cycles
-    step = scenario.communication_step_ms
-    operations: list[Operation] = []
-    begins = [0, *np.cumsum([plan.duration_ms for plan in plans]).tolist()]
-    for k, plan in enumerate(plans):
-        # One request may wait: the next one is asked for as soon as its forerunner has left that place.
-        request = 0 if k == 0 else begins[k - 1] // step + 1
-        operations.append(Operation(begins[k], plan, request))
-    steps = -(-(begins[-1] + round(1000 * scenario.settle)) // step)
-    return Schedule(tuple(operations), steps, step)
 
 
 def task_inputs(task: Task) -> dict[str, float]:
@@ -103,7 +43,13 @@ def task_inputs(task: Task) -> dict[str, float]:
         "task.lift_place": task.lift[1],
         "task.corner_deviation_pick": task.corner_deviation[0],
         "task.corner_deviation_place": task.corner_deviation[1],
+        "task.dwell": task.dwell,
     }
+
+
+def move_inputs(move: Move) -> dict[str, float]:
+    """The planner inputs that say a move, but for the trigger."""
+    return task_inputs(move.task) | {"payload.mass": move.declared_payload}
 
 
 NO_LIMIT = 1e30
@@ -125,7 +71,7 @@ def planner_values(scenario: Scenario) -> dict[str, float]:
     law = scenario.law
     return (
         scenario.robot.parameters
-        | task_inputs(scenario.task)
+        | move_inputs(scenario.moves[0])
         | limit_values(scenario.limits)
         | {
             "law": variable_table("planner").items("Law").index(law.name),
@@ -133,7 +79,6 @@ def planner_values(scenario: Scenario) -> dict[str, float]:
             "speed.corner_mid": law.corner_mid_speed,
             "speed.traverse": law.traverse_speed,
             "overlap": law.overlap,
-            "payload.mass": scenario.declared_payload,
         }
     )
 
@@ -141,7 +86,7 @@ def planner_values(scenario: Scenario) -> dict[str, float]:
 def plant_values(scenario: Scenario) -> dict[str, float]:
     """Parameters and first inputs of the plant."""
     start = {f"start.{axis}": value for axis, value in zip("xyz", scenario.task.pick, strict=True)}
-    return {**scenario.robot.parameters, **scenario.plant, **start, "payload.mass": scenario.payload}
+    return {**scenario.robot.parameters, **scenario.plant, **start, "payload.mass": scenario.first_payload}
 
 
 class _Link:
@@ -157,21 +102,48 @@ class _Link:
         self._target[self._to] = self._source[self._from]
 
 
-class _Request:
-    """Posts the tasks that follow the first one when their time comes."""
+class _Requests:
+    """Posts the moves after the first one and the feed when their time comes, and sees to it that each move begins in time."""
 
     def __init__(self, planner: Slave, run: Schedule) -> None:
         self._planner = planner
-        self._pending = {
-            op.request_step: {**task_inputs(op.plan.task), "task.trigger": number}
-            for number, op in enumerate(run.operations, 1)
-            if number > 1
-        }
+        self._pending: dict[int, dict[str, float]] = {step: {"feed": override} for step, override in run.feed}
+        for number, op in enumerate(run.operations[1:], 2):
+            inputs = self._pending.setdefault(op.request_step, {})
+            inputs |= {**move_inputs(op.move), "task.trigger": number}
+        # what the feed has slowed down may come a rounding error later, and so one point
+        slack = 1 if run.feed else 0
+        self._begins = [(run.step_at(op.begin_ms) + slack, op.move) for op in run.operations]
+        self._begun = 0
+        others = [v.name for v in planner.table.of("output") if not v.is_float]
+        self._count, self._refused, self._status = (others.index(f"plan.{name}") for name in ("count", "refused", "status"))
 
     def post(self, step: int) -> None:
+        self._check(step)
         values = self._pending.pop(step, None)
         if values is not None:
             self._planner.set(values)
+
+    def _check(self, step: int) -> None:
+        """Whether the operation that begins now is planned.
+
+        Raises:
+            DeltaphError: it is not: the run is not the one that was scheduled.
+        """
+        if self._begun == len(self._begins) or step < self._begins[self._begun][0]:
+            return
+        move, integers = self._begins[self._begun][1], self._planner.integers
+        self._begun += 1
+        if integers[self._count] < self._begun:
+            status = variable_table("planner").items("PlanStatus")[integers[self._status]]
+            why = f"refused it: {status}" if integers[self._refused] else "has not planned it in time"
+            raise DeltaphError(f"operation {self._begun} ({move.name}) should begin at step {step}, but the planner FMU {why}")
+
+
+def _events(scenario: Scenario, run: Schedule) -> list[Fault]:
+    """What happens to the plant, in order of time: faults, and parts that come into the gripper and leave it."""
+    parts = [Fault(time, {"payload.mass": mass}) for time, mass in run.payload_changes[1:]]
+    return sorted((*parts, *scenario.faults), key=lambda event: event.time)
 
 
 class _Faults:
@@ -181,11 +153,11 @@ class _Faults:
         self._plant = plant
         step = communication_step_ms / 1000.0
         # a time on the grid is meant to be on it, whatever rounding says
-        self._pending = [(math.ceil(fault.time / step - 1e-9), fault.inputs) for fault in faults]
+        self._pending = deque((math.ceil(fault.time / step - 1e-9), fault.inputs) for fault in faults)
 
     def set(self, step: int) -> None:
         while self._pending and self._pending[0][0] <= step:
-            self._plant.set(self._pending.pop(0)[1])
+            self._plant.set(self._pending.popleft()[1])
 
 
 def cosimulate(
@@ -216,22 +188,77 @@ def cosimulate(
         if realtime is not None:
             _warm_up(scenario, fmus, Path(directory) / "warm-up", size)
         planner, plant, link = _cell(scenario, fmus, Path(directory), stack)
-        requests = _Request(planner, run)
-        faults = _Faults(plant, scenario.faults, run.communication_step_ms)
+        requests = _Requests(planner, run)
+        faults = _Faults(plant, _events(scenario, run), run.communication_step_ms)
         pacer = None
         if realtime is not None:
             pacer = Pacer(run.communication_step_ms * 1_000_000)
             stack.enter_context(undisturbed(realtime))
-        yield from _loop(planner, plant, link, requests, faults, run.steps, size, frames, pacer, dropped)
+        yield from _loop(planner, plant, link, requests, faults, range(run.steps + 1), size, frames, pacer, dropped)
+
+
+class Operator(Protocol):
+    """Who says what a cell does that has no schedule."""
+
+    @property
+    def ended(self) -> bool:
+        """No further step is wanted."""
+        ...
+
+    def attach(self, planner: Slave, plant: Slave) -> None:
+        """Both FMUs are there, in their initial state."""
+        ...
+
+    def post(self, step: int) -> None:
+        """Outputs are those of this communication point, and inputs may be set. In the step loop: must not block."""
+        ...
+
+
+def attend(
+    scenario: Scenario,
+    fmus: Mapping[Model, Path],
+    operator: Operator,
+    *,
+    realtime: Undisturbed,
+    dropped: Callable[[], int],
+    frames: FrameStore,
+) -> Iterator[Frame]:
+    """Co-simulate in real time, without a schedule: the robot rests at the scenario's pick point until it is told to move.
+
+    Args:
+        scenario: robot, law, drives, faults, and where the robot rests.
+        fmus: the FMI 3.0 FMUs.
+        operator: says what to do.
+        realtime: what is asked of the system.
+        dropped: frames that the sinks did not get so far; goes into the timing.
+        frames: where the frames are kept.
+
+    Raises:
+        DeltaphError: an FMU refuses its parameters, or the system what is asked of it.
+    """
+    size = scenario.communication_step_ms / 1000.0
+    with tempfile.TemporaryDirectory(prefix="deltaph-") as directory, contextlib.ExitStack() as stack:
+        _warm_up(scenario, fmus, Path(directory) / "warm-up", size)
+        planner, plant, link = _cell(scenario, fmus, Path(directory), stack, {"task.trigger": 0})
+        operator.attach(planner, plant)
+        faults = _Faults(plant, scenario.faults, scenario.communication_step_ms)
+        pacer = Pacer(scenario.communication_step_ms * 1_000_000)
+        stack.enter_context(undisturbed(realtime))
+        points = takewhile(lambda _: not operator.ended, count())
+        yield from _loop(planner, plant, link, operator, faults, points, size, frames, pacer, dropped)
 
 
 def _cell(
-    scenario: Scenario, fmus: Mapping[Model, Path], directory: Path, stack: contextlib.ExitStack
+    scenario: Scenario,
+    fmus: Mapping[Model, Path],
+    directory: Path,
+    stack: contextlib.ExitStack,
+    start: Mapping[str, float] = MappingProxyType({}),
 ) -> tuple[Slave, Slave, _Link]:
-    """Both FMUs in their initial state, and what links them."""
+    """Both FMUs in their initial state, the planner with start values of its own, and what links them."""
     planner = stack.enter_context(Slave("planner", fmus["planner"], directory))
     plant = stack.enter_context(Slave("plant", fmus["plant"], directory))
-    planner.set(planner_values(scenario))
+    planner.set({**planner_values(scenario), **start})
     plant.set(plant_values(scenario))
     link = _Link(planner, plant)
     planner.initialize(0.0)
@@ -268,11 +295,11 @@ def _loop(
     planner: Slave,
     plant: Slave,
     link: _Link,
-    requests: _Request,
+    requests: _Requests | Operator,
     faults: _Faults,
-    steps: int,
+    points: Iterable[int],
     size: float,
-    frames: Frames,
+    frames: FrameStore,
     pacer: Pacer | None,
     dropped: Callable[[], int],
 ) -> Iterator[Frame]:
@@ -283,7 +310,7 @@ def _loop(
     begin = clock()
     if pacer is not None:
         pacer.begin()
-    for n in range(steps + 1):
+    for n in points:
         if n > 0:
             t = (n - 1) * size
             requests.post(n - 1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +25,9 @@ def _library() -> Path:
 
 
 def _declarations() -> str:
-    """The header without its include guard; it has no other preprocessor lines."""
-    header = (FMU_SRC / "kernel" / "kernel.h").read_text(encoding="utf-8")
-    return re.sub(r"^#.*$", "", header, flags=re.MULTILINE)
+    """The headers without their include guards; they have no other preprocessor lines."""
+    headers = [(FMU_SRC / name).read_text(encoding="utf-8") for name in ("kernel/kernel.h", "planner/feed.h")]
+    return re.sub(r"^#.*$", "", "".join(headers), flags=re.MULTILINE)
 
 
 ffi: Any = cffi.FFI()
@@ -34,6 +35,7 @@ ffi.cdef(_declarations())
 lib: Any = ffi.dlopen(str(_library()))
 
 
+@cache
 def enumeration(name: str) -> tuple[str, ...]:
     """The items of a kernel enumeration in order, without their common prefix, in lower case; `name` such as `dph_phase`."""
     prefix = f"{name.upper()}_"
@@ -45,3 +47,9 @@ def sentence(verdict: Any) -> str:
     text = ffi.new("char[256]")
     lib.dph_verdict_text(ffi.addressof(verdict), text, 256)
     return str(ffi.string(text).decode())
+
+
+def status_sentence(status: str, required: float, available: float) -> str:
+    """The sentence for a status that belongs to no place on the path, such as `busy`."""
+    number = enumeration("dph_status").index(status)
+    return sentence(ffi.new("dph_verdict *", {"status": number, "required": required, "available": available})[0])

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from deltaph.frame import Frame, columns
 from deltaph.plan import Plan
+from deltaph.schedule import Schedule
 from deltaph.variables import Model, variable_table
 
 FloatArray = NDArray[np.float64]
@@ -38,6 +39,22 @@ def planner_columns(plan: Plan, time: FloatArray) -> dict[str, FloatArray]:
         values = setpoints[variable.group.removeprefix("path_")]
         found[variable.name] = (values if variable.index is None else values[:, variable.index]).astype(np.float64)
     return found
+
+
+def pass_columns(run: Schedule, time: FloatArray) -> dict[str, FloatArray]:
+    """Every planner output of one pass of a schedule at full feed, by variable name, at times [s] (n,).
+
+    What `plan.*` says is about the operation that runs, and `plan.count` its number.
+    """
+    ms = 1000.0 * time
+    ms = np.where(np.abs(ms - np.rint(ms)) < 1e-6, np.rint(ms), ms)  # the planner counts whole milliseconds
+    begins = [operation.clock_ms - operation.plan.dwell_ms for operation in run.one_pass]
+    number = np.searchsorted(begins, ms, side="right") - 1
+    parts = [
+        planner_columns(operation.plan, (ms[number == k] - operation.clock_ms) / 1000.0) for k, operation in enumerate(run.one_pass)
+    ]
+    found = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return found | {"plan.count": number + 1.0, "plan.busy": (ms < run.pass_ms).astype(np.float64)}
 
 
 def _integers_last(model: Model) -> list[str]:

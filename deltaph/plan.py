@@ -84,11 +84,17 @@ class Violation:
     unit: str
 
 
+def time_grid(duration_ms: int, step_ms: float) -> FloatArray:
+    """Times from 0 to the end [s], `step_ms` apart; the end is always one of them."""
+    count = math.ceil(duration_ms / step_ms - 1e-9)
+    return np.append(np.arange(count) * step_ms, duration_ms) / 1000.0
+
+
 _local = threading.local()
 
 
 def _workspace() -> Any:
-    """This thread's scratch memory for the kernel."""
+    """This thread's memory for the kernel to plan in."""
     if not hasattr(_local, "memory"):
         _local.memory = ffi.new("double[]", -(-lib.dph_workspace_size() // 8))
     return ffi.cast("dph_workspace *", _local.memory)
@@ -117,6 +123,7 @@ class Plan:
                 "place": task.place,
                 "lift": task.lift,
                 "corner_deviation": task.corner_deviation,
+                "dwell": task.dwell,
                 "payload": payload,
                 "law": enumeration("dph_law").index(law.name),
                 "corner_entry_speed": law.corner_entry_speed,
@@ -147,6 +154,11 @@ class Plan:
     def duration_ms(self) -> int:
         """Aligned duration [ms]."""
         return int(self._struct.duration_ms)
+
+    @property
+    def dwell_ms(self) -> int:
+        """Rest before the motion, which begins at time 0 [ms]."""
+        return int(self._struct.dwell_ms)
 
     @property
     def nominal_duration(self) -> float:
@@ -246,8 +258,7 @@ class Plan:
 
     def grid(self, step_ms: float = 1.0) -> FloatArray:
         """Times from 0 to the end [s], `step_ms` apart; the end is always one of them."""
-        count = math.ceil(self.duration_ms / step_ms - 1e-9)
-        return np.append(np.arange(count) * step_ms, self.duration_ms) / 1000.0
+        return time_grid(self.duration_ms, step_ms)
 
     def violations(self, limits: Limits) -> list[Violation]:
         """The peaks beyond their limits."""

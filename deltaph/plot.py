@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from deltaph.plan import Plan
+from deltaph.plan import Plan, time_grid
 from deltaph.scenario import Limits
+from deltaph.schedule import Operation, Schedule
 
 _JOINT_STYLES = (("tab:blue", "-"), ("tab:orange", "-"), ("tab:green", (0, (4, 3))))
 """Joint 3 is dashed: joints 2 and 3 coincide on a move along x."""
@@ -73,21 +75,28 @@ def image_formats() -> tuple[str, ...]:
     return tuple(sorted(FigureCanvasAgg.filetypes))
 
 
-def draw_plan(plan: Plan, limits: Limits, title: str, path: Path) -> None:
-    """Draw a plan into an image file; limits within three times the peaks are dotted lines.
+def draw_plan(run: Schedule, limits: Limits, title: str, path: Path) -> None:
+    """Draw what is planned into an image file, the whole of a sequence; limits within three times the peaks are dotted lines.
 
     Raises:
         OSError: the file cannot be written.
         ValueError: the file name ends in no image format.
     """
-    time = plan.grid(0.25)
-    s = plan.sample(time)
-    ms = 1e3 * time
+    operations = run.one_pass
+    samples = []
+    for operation in operations:
+        time = time_grid(operation.plan.dwell_ms + operation.plan.duration_ms, 0.25) - operation.plan.dwell_ms / 1000.0
+        samples.append((operation.clock_ms + 1e3 * time, operation.plan.sample(time)))
+    ms, s = np.concatenate([time for time, _ in samples]), np.concatenate([setpoints for _, setpoints in samples])
     figure = Figure(figsize=(13, 12), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(4, 2)
-    _draw_path(axes[0, 0], plan, s["tcp_position"], corner=False)
-    _draw_path(axes[0, 1], plan, s["tcp_position"], corner=True)
+    if len(operations) == 1:
+        _draw_path(axes[0, 0], operations[0].plan, s["tcp_position"], corner=False)
+        _draw_path(axes[0, 1], operations[0].plan, s["tcp_position"], corner=True)
+    else:
+        _draw_from_above(axes[0, 0], operations)
+        _draw_corners(axes[0, 1], operations)
 
     speed = axes[1, 0]
     speed.plot(ms, np.linalg.norm(s["tcp_velocity"], axis=1), color="black", label="path speed")
@@ -102,10 +111,54 @@ def draw_plan(plan: Plan, limits: Limits, title: str, path: Path) -> None:
     for axis, (quantity, unit) in zip(axes[2:].flat, rows, strict=True):
         name = f"joint_{quantity}"
         _draw_joints(axis, ms, s[name], f"joint {quantity} [{unit}]", getattr(limits, name))
+    if len(operations) == 1:
+        marks = [1e3 * phase.start for phase in operations[0].plan.phases]
+    else:
+        marks = [float(operation.clock_ms) for operation in operations]
     for row in (1, 2, 3):
         for column in (0, 1):
-            for phase in plan.phases:
-                axes[row, column].axvline(1e3 * phase.start, color="0.85", lw=0.8, zorder=0)
+            for mark in marks:
+                axes[row, column].axvline(mark, color="0.85", lw=0.8, zorder=0)
             axes[row, column].margins(x=0)
-    figure.suptitle(f"{title}: {1e3 * plan.duration:g} ms")
+    figure.suptitle(f"{title}: {run.pass_ms:g} ms")
     figure.savefig(path, dpi=110)
+
+
+def _draw_from_above(axes: Axes, operations: Sequence[Operation]) -> None:
+    """Where parts are picked and placed, and the ways between [mm]."""
+    for is_return, colour, style, label in ((False, "tab:blue", "-", "with a part"), (True, "0.6", ":", "return")):
+        ends = [(o.plan.task.pick, o.plan.task.place) for o in operations if o.move.is_return == is_return]
+        for k, (begin, end) in enumerate(ends):
+            x, y = ([1e3 * begin[i], 1e3 * end[i]] for i in (0, 1))
+            axes.plot(x, y, color=colour, ls=style, lw=0.9, label=label if k == 0 else None)
+    parts = [o for o in operations if not o.move.is_return]
+    for which, marker in (("pick", "o"), ("place", "s")):
+        points = 1e3 * np.array([getattr(o.plan.task, which) for o in parts])
+        axes.plot(points[:, 0], points[:, 1], marker, color="black", ms=3.5, label=which)
+    axes.set_title("From above")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x [mm]")
+    axes.set_ylabel("y [mm]")
+    axes.legend(fontsize="small", ncols=2)
+
+
+def _draw_corners(axes: Axes, operations: Sequence[Operation]) -> None:
+    """All corners on top of each other, each in its own vertical plane and from its own vertex, inwards and down [mm]."""
+    greatest = 1e3 * max(max(o.plan.task.corner_deviation) for o in operations)
+    for operation in operations:
+        plan = operation.plan
+        position = plan.sample(plan.grid(0.25))["tcp_position"]
+        for vertex, inwards in zip(plan.vertices, (1.0, -1.0), strict=True):
+            along = inwards * (position[:, :2] - vertex[:2]) @ np.array(plan.direction)
+            axes.plot(1e3 * along, 1e3 * (position[:, 2] - vertex[2]), color="tab:blue", lw=0.7)
+    angle = np.linspace(0.0, 2.0 * np.pi, 200)
+    for prescribed in sorted({1e3 * d for o in operations for d in o.plan.task.corner_deviation}):
+        label = f"prescribed {prescribed:g} mm"
+        axes.plot(prescribed * np.cos(angle), prescribed * np.sin(angle), color="tab:red", lw=0.8, label=label)
+    axes.set_xlim(-1.5 * greatest, 8.0 * greatest)
+    axes.set_ylim(-8.0 * greatest, 1.5 * greatest)
+    axes.set_aspect("equal")
+    axes.set_title("All corners")
+    axes.set_xlabel("from the vertex along the traverse [mm]")
+    axes.set_ylabel("above the vertex [mm]")
+    axes.legend(fontsize="small")

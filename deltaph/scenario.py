@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import json
 import math
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Self, get_args
+from typing import Any, Self
 
 from pydantic import BaseModel, ValidationError
 
+from deltaph.complaints import sentence
 from deltaph.errors import ScenarioError
 from deltaph.robot import Robot
 from deltaph.scenario_file import DriveSection, ExpectSection, FaultSection, RobotSection, ScenarioFile, named_robot
@@ -47,16 +47,43 @@ class Task:
         place: place point [m].
         lift: lift heights [m].
         corner_deviation: prescribed corner deviations [m].
+        dwell: rest at the pick point before the motion [s].
     """
 
     pick: Triple
     place: Triple
     lift: Pair
     corner_deviation: Pair
+    dwell: float = 0.0
 
     def reversed(self) -> Task:
         """The way back."""
-        return Task(self.place, self.pick, self.lift[::-1], self.corner_deviation[::-1])
+        return Task(self.place, self.pick, self.lift[::-1], self.corner_deviation[::-1], self.dwell)
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """A task as part of a scenario: a part is taken to its place, or the gripper goes back for the next one.
+
+    Attributes:
+        name: for people, such as `part 3`.
+        part: number of the part that is placed, or was placed before, from 1; 0 where there is no sequence.
+        is_return: the way from a place point to a pick point.
+        task: what to do.
+        payload: what is carried [kg].
+        declared_payload: what the planner is told [kg].
+    """
+
+    name: str
+    part: int
+    is_return: bool
+    task: Task
+    payload: float
+    declared_payload: float
+
+    def reversed(self) -> Move:
+        """The same payload on the way back."""
+        return replace(self, name="way back", is_return=True, task=self.task.reversed())
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +133,19 @@ class Fault:
 
 
 @dataclass(frozen=True, slots=True)
+class Feed:
+    """A feed override.
+
+    Attributes:
+        time: when it is set [s].
+        override: speed along the path in parts of the planned one.
+    """
+
+    time: float
+    override: float
+
+
+@dataclass(frozen=True, slots=True)
 class Scenario:
     """A parsed scenario.
 
@@ -114,10 +154,10 @@ class Scenario:
         path: the file it came from.
         document: the file's content as parsed.
         sha256: hash of the file's content.
-        payload: mass [kg].
-        declared_payload: what the planner is told [kg].
+        moves: one, or those of a sequence, which ends where it begins.
         gains: name of the drives' gain set.
         plant: parameters of the plant that are not the robot's.
+        feed: overrides in order of time.
         faults: in order of time.
         communication_step: whole number of milliseconds.
         settle: co-simulated after arrival [s].
@@ -130,18 +170,42 @@ class Scenario:
     document: Mapping[str, Any]
     sha256: str
     robot: Robot
-    task: Task
+    moves: tuple[Move, ...]
     law: Law
     limits: Limits
-    payload: float
-    declared_payload: float
     gains: str
     plant: Mapping[str, float]
+    feed: tuple[Feed, ...]
     faults: tuple[Fault, ...]
     communication_step_ms: int
     settle: float
     cell: str
     expect: ExpectSection
+
+    @property
+    def task(self) -> Task:
+        """The first task."""
+        return self.moves[0].task
+
+    @property
+    def payload(self) -> float:
+        """Of the first move [kg]."""
+        return self.moves[0].payload
+
+    @property
+    def first_payload(self) -> float:
+        """What is in the gripper at the very beginning: nothing where it has to rest to grip [kg]."""
+        return 0.0 if self.task.dwell else self.payload
+
+    @property
+    def declared_payload(self) -> float:
+        """What the planner is told of it [kg]."""
+        return self.moves[0].declared_payload
+
+    @property
+    def parts(self) -> int:
+        """How many parts a sequence places; 0 where there is none."""
+        return self.moves[-1].part
 
     @property
     def json(self) -> str:
@@ -227,38 +291,45 @@ def _fault(section: FaultSection) -> Fault:
     return Fault(time, inputs)
 
 
-def _known_keys(location: Sequence[str | int]) -> list[str]:
-    """The keys that a table of the file may have."""
-    model: type[BaseModel] = ScenarioFile
-    for part in location:
-        if isinstance(part, int):
-            continue  # one of several tables
-        field = next((f for name, f in model.model_fields.items() if part in {name, f.alias}), None)
-        if field is None:
-            return []
-        inner = [t for t in (field.annotation, *get_args(field.annotation)) if isinstance(t, type) and issubclass(t, BaseModel)]
-        if not inner:
-            return []
-        model = inner[0]
-    return [field.alias or name for name, field in model.model_fields.items()]
+def _task(task: Mapping[str, Any]) -> Task:
+    """The task that the keys of `[task]` say, of which `lift` stands for both sides."""
+    lift = (task["lift"],) * 2 if "lift" in task else (task["lift_pick"], task["lift_place"])
+    return Task(task["pick"], task["place"], lift, _pair(task["corner_deviation"]), task.get("grip", 0.0))
 
 
-def _say(error: Mapping[str, Any]) -> str:
-    """One of pydantic's errors as a sentence that names the key, the value and the way out."""
-    location = [part for part in error["loc"] if not (isinstance(part, str) and part.startswith(("float", "tuple", "constrained")))]
-    key = ".".join(str(part) for part in location)
-    match error["type"]:
-        case "extra_forbidden":
-            known = _known_keys(location[:-1])
-            near = difflib.get_close_matches(str(location[-1]), known, n=1, cutoff=0.5)
-            return f"unknown key {key}: " + (f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}")
-        case "missing":
-            return f"key {key} is missing"
-        case "value_error":
-            return (f"{key}: " if key else "") + str(error["msg"]).removeprefix("Value error, ")
-        case _:
-            message = error["msg"][0].lower() + error["msg"][1:]
-            return f"{key} is {error['input']!r}: {message}"
+def _moves(file: ScenarioFile) -> Iterator[Move]:
+    """The one move of a scenario, or the moves of its sequence."""
+    declared = file.payload.declared_mass_kg
+
+    def carrying(name: str, part: int, task: Task, mass: float) -> Move:
+        return Move(name, part, False, task, mass, mass if declared is None else declared)
+
+    if file.sequence is None:
+        yield carrying("way there", 0, _task(_si(file.task)), file.payload.mass_kg)
+        return
+    common = _si(file.task)
+    lift = common.pop("lift", None)
+    common = {"lift_pick": lift, "lift_place": lift, "payload_mass": file.payload.mass_kg} | common
+    common |= {"grip": file.sequence.grip_ms / 1000.0, "release": file.sequence.release_ms / 1000.0}
+    parts = [common | _si(part) for part in file.sequence.parts]
+    tasks = [_task(part) for part in parts]
+    last = len(parts) - 1
+    for k, (part, task) in enumerate(zip(parts, tasks, strict=True)):
+        if tasks[k - 1].place == task.pick:  # no way back from there: the gripper lets go and grips in one rest
+            task = replace(task, dwell=parts[k - 1]["release"] + task.dwell)
+        yield carrying(f"part {k + 1}", k + 1, task, part["payload_mass"])
+        following = tasks[0 if k == last else k + 1]
+        if task.place != following.pick:
+            yield Move(f"return {k + 1}", k + 1, True, _return(task, following, part["release"]), 0.0, 0.0)
+
+
+def _return(task: Task, following: Task, dwell: float) -> Task:
+    """The way from where a task ends to where the next one begins: as high as the higher of the two, around the same corners."""
+    level = max(task.place[2] + task.lift[1], following.pick[2] + following.lift[0])
+    begin, end = (
+        own if z + own == level else level - z for z, own in ((task.place[2], task.lift[1]), (following.pick[2], following.lift[0]))
+    )
+    return Task(task.place, following.pick, (begin, end), (task.corner_deviation[1], following.corner_deviation[0]), dwell)
 
 
 def load_scenario(path: Path) -> Scenario:
@@ -309,9 +380,8 @@ def _parse(document: Mapping[str, Any], path: Path, sha256: str) -> Scenario:
         # A misspelt key is reported as one unknown and one missing: the first of the two says more.
         errors = sorted(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
         more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
-        raise ScenarioError(f"{path}: {_say(errors[0])}{more}") from error
+        raise ScenarioError(f"{path}: {sentence(errors[0])}{more}") from error
 
-    task = _si(file.task)
     named, its_drive = named_robot(file.robot.name)
     try:
         robot = _robot((named, file.robot))
@@ -320,25 +390,18 @@ def _parse(document: Mapping[str, Any], path: Path, sha256: str) -> Scenario:
     gains = variable_table("plant").gains[file.drive.gains]
     trips = {f"trip_threshold.{name}": value for name, value in _si(file.trip).items()}
     plant = {**_drive(its_drive), **gains, **_drive(file.drive), **trips}
-    payload, declared = file.payload.mass_kg, file.payload.declared_mass_kg
     return Scenario(
         title=file.title,
         path=path,
         document=document,
         sha256=sha256,
         robot=robot,
-        task=Task(
-            pick=task["pick"],
-            place=task["place"],
-            lift=(task["lift"],) * 2 if "lift" in task else (task["lift_pick"], task["lift_place"]),
-            corner_deviation=_pair(task["corner_deviation"]),
-        ),
+        moves=tuple(_moves(file)),
         law=Law(**_si(file.law)),
         limits=_limits(file.limits, plant),
-        payload=payload,
-        declared_payload=payload if declared is None else declared,
         gains=file.drive.gains,
         plant=plant,
+        feed=tuple(sorted((Feed(**_si(section)) for section in file.feed), key=lambda feed: feed.time)),
         faults=tuple(sorted(map(_fault, file.fault), key=lambda fault: fault.time)),
         communication_step_ms=round(file.run.communication_step_ms),
         settle=file.run.settle_ms / 1000.0,

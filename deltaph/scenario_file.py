@@ -17,7 +17,11 @@ NonNegative = Annotated[float, Ge(0)]
 Point = Annotated[tuple[float, float, float], Strict(False)]
 PerJoint = Positive | Annotated[tuple[Positive, Positive, Positive], Strict(False)]
 Share = Annotated[float, Ge(0), Le(1)]
+Dwell = Annotated[float, Ge(0), Le(600_000)]
 PerCorner = Positive | Annotated[tuple[Positive, Positive], Strict(False)]
+
+_LEAST_LAST_OVERRIDE = 0.01
+"""A motion of 0.3 s takes 30 s with it."""
 
 _LAWS = variable_table("planner").items("Law")
 _GAINS = tuple(variable_table("plant").gains)
@@ -63,10 +67,13 @@ class RobotSection(Section):
 
 
 class TaskSection(Section):
-    """What to do: up, across, down."""
+    """What to do: up, across, down. With `[sequence]`: what its parts have that do not say otherwise."""
 
-    pick_mm: Point = Field(description="pick point x, y, z in the base frame; z is up, the workspace is below 0")
-    place_mm: Point = Field(description="place point x, y, z in the base frame")
+    pick_mm: Point | None = Field(
+        None,
+        description="pick point x, y, z in the base frame; z is up, the workspace is below 0; the parts of a sequence may say it",
+    )
+    place_mm: Point | None = Field(None, description="place point x, y, z in the base frame; the parts of a sequence may say it")
     lift_mm: NonNegative | None = Field(None, description="lift height above both points; 0: straight across")
     lift_pick_mm: NonNegative | None = Field(
         None, description="lift height above the pick point, where the two differ; 0: no corner"
@@ -84,6 +91,36 @@ class TaskSection(Section):
         if (self.lift_mm is not None and any(both)) or (self.lift_mm is None and not all(both)):
             raise ValueError("give either lift_mm or both lift_pick_mm and lift_place_mm")
         return self
+
+
+class PartSection(Section):
+    """A part of a sequence: what is different from `[task]`, `[payload]` and `[sequence]`."""
+
+    pick_mm: Point | None = None
+    place_mm: Point | None = None
+    lift_mm: NonNegative | None = Field(None, description="lift height above both points")
+    lift_pick_mm: NonNegative | None = None
+    lift_place_mm: NonNegative | None = None
+    corner_deviation_mm: PerCorner | None = None
+    payload_mass_kg: NonNegative | None = Field(None, description="mass of the part")
+    grip_ms: Dwell | None = None
+    release_ms: Dwell | None = None
+
+    @model_validator(mode="after")
+    def _lifts(self) -> Self:
+        if self.lift_mm is not None and (self.lift_pick_mm is not None or self.lift_place_mm is not None):
+            raise ValueError("give either lift_mm or lift_pick_mm and lift_place_mm")
+        return self
+
+
+class SequenceSection(Section):
+    """Parts that are placed one after the other. From each place the empty gripper goes to the next pick, then to the first one."""
+
+    grip_ms: Dwell = Field(0.0, description="rest at each pick point; half-way through it the part is in the gripper")
+    release_ms: Dwell = Field(0.0, description="rest at each place point; half-way through it the part is out of the gripper")
+    parts: Annotated[tuple[PartSection, ...], Strict(False), MinLen(1)] = Field(
+        description="one table for each part, in order; what it does not say is that of [task] and [payload]"
+    )
 
 
 class LawSection(Section):
@@ -182,6 +219,13 @@ class FaultSection(Section):
         return self
 
 
+class FeedSection(Section):
+    """A feed override: from a time on the motion goes along its path more slowly, or stops on it."""
+
+    time_ms: NonNegative = Field(description="takes effect at the first communication point from then on")
+    override: Share = Field(description="speed along the path in parts of the planned one; it is approached with bounded jerk")
+
+
 class RunSection(Section):
     """How to run the co-simulation."""
 
@@ -228,6 +272,10 @@ class ExpectSection(Section):
     nominal_duration_ms: Expectation | None = None
     planned_corner_deviation_mm: Expectation | None = None
     executed_corner_deviation_mm: Expectation | None = None
+    corner_excess_mm: Expectation | None = Field(None, description="executed beyond the prescribed corner deviation")
+    cycle_time_ms: Expectation | None = Field(None, description="of a sequence, planned, back at the first pick point")
+    parts_per_minute: Expectation | None = Field(None, description="of a sequence, planned")
+    arrival_ms: Expectation | None = Field(None, description="executed: the last operation has arrived, whatever slowed it down")
     overshoot_mm: Expectation | None = None
     tracking_error_tcp_mm: Expectation | None = None
     tracking_error_joint_mrad: Expectation | None = None
@@ -247,21 +295,59 @@ class ExpectSection(Section):
         return self
 
 
+_POINTS_WITHOUT_SEQUENCE: dict[str, Any] = {
+    "if": {"not": {"required": ["sequence"]}},
+    "then": {"properties": {"task": {"required": ["pick_mm", "place_mm"]}}},
+}
+
+
 class ScenarioFile(Section):
     """A deltaph scenario."""
+
+    model_config = ConfigDict(json_schema_extra=_POINTS_WITHOUT_SEQUENCE)
 
     schema_: Literal[1] = Field(alias="schema", description="version of this form")
     title: Annotated[str, MinLen(1)]
     robot: RobotSection = RobotSection()
     task: TaskSection
+    sequence: SequenceSection | None = None
     law: LawSection = LawSection()
     limits: LimitsSection | None = None
     payload: PayloadSection = PayloadSection()
     drive: DriveSection = DriveSection()
     trip: TripSection = TripSection()
+    feed: Annotated[tuple[FeedSection, ...], Strict(False)] = ()
     fault: Annotated[tuple[FaultSection, ...], Strict(False)] = ()
     run: RunSection = RunSection()
     expect: ExpectSection = ExpectSection()
+
+    @model_validator(mode="after")
+    def _points(self) -> Self:
+        for key in ("pick_mm", "place_mm"):
+            of_task = getattr(self.task, key)
+            if self.sequence is None:
+                if of_task is None:
+                    raise ValueError(f"key task.{key} is missing")
+                continue
+            lacking = [number for number, part in enumerate(self.sequence.parts, 1) if getattr(part, key) is None]
+            if lacking and of_task is None:
+                raise ValueError(f"part {lacking[0]} of the sequence has no {key}: say it there, or in [task] for all that do not")
+            if of_task is not None and not lacking:
+                raise ValueError(f"task.{key} is not used: every part of the sequence has its own; leave it out")
+        return self
+
+    @model_validator(mode="after")
+    def _expectations(self) -> Self:
+        for key in ("cycle_time_ms", "parts_per_minute"):
+            if self.sequence is None and getattr(self.expect, key) is not None:
+                raise ValueError(f"expect.{key} is of a sequence: this scenario has none")
+        return self
+
+    @model_validator(mode="after")
+    def _arrives(self) -> Self:
+        if self.feed and (last := max(self.feed, key=lambda feed: feed.time_ms).override) < _LEAST_LAST_OVERRIDE:
+            raise ValueError(f"feed: the last override is {last:g}, too slow to arrive: end with at least {_LEAST_LAST_OVERRIDE:g}")
+        return self
 
 
 class RobotFile(Section):

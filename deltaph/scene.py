@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from deltaph.importer import Operation, schedule
 from deltaph.plan import Plan
+from deltaph.report import corner_excess
 from deltaph.scenario import Scenario
+from deltaph.schedule import Operation, Schedule, schedule
 from deltaph.telemetry.scene import CornerMark, Move, Scene
 
 PATH_STEP_MS = 0.25
@@ -20,10 +21,13 @@ PATH_STEP_MS = 0.25
 def scene_of(scenario: Scenario) -> Scene:
     """The scene of a scenario, for the recorder, which knows no kinematics. Cycles repeat it.
 
+    The ways between parts are drawn from their pick side on, too: a corner above a pick point is one, whichever way it is passed.
+
     Raises:
         InfeasibleError: a task cannot be planned.
     """
-    operations = schedule(scenario).operations
+    run = schedule(scenario)
+    operations = run.operations
     plans = [operation.plan for operation in operations]
     parameters = scenario.robot.parameters
     angle = np.radians([0.0, 120.0, 240.0])
@@ -33,7 +37,9 @@ def scene_of(scenario: Scenario) -> Scene:
         title=scenario.title,
         law=scenario.law.name,
         scenario_json=scenario.json,
-        moves=[_move(operation) for operation in operations],
+        moves=[_move(operation, run) for operation in operations],
+        period=run.cycle_time if scenario.parts else None,
+        clock=run.clock.at,
         limits=asdict(scenario.limits),
         joint_range=(parameters["robot.joint_position_min"], parameters["robot.joint_position_max"]),
         peaks={name: max(float(np.max(getattr(plan.peaks, name))) for plan in plans) for name in quantities},
@@ -41,47 +47,42 @@ def scene_of(scenario: Scenario) -> Scene:
         base_points=parameters["robot.base_radius"] * arms,
         platform_offsets=parameters["robot.platform_radius"] * arms,
         elbows=scenario.robot.elbows,
-        payload=_payload(scenario),
+        payload=_payload(scenario, run),
     )
 
 
 def corner_marks(facts: Mapping[str, Any], scene: Scene) -> list[CornerMark]:
-    """Of a run's JSON report, the worst pass of each corner that was reached, pick side first.
+    """Of a run's JSON report, the worst pass on each side that was reached, pick side first.
 
     Of cycles, the way back passes the corners of the same move in the other order.
     """
     worst: dict[int, Mapping[str, Any]] = {}
     for corner in facts["executed"]["corners"]:
         side = corner["side"]
-        if not corner["reached"]:
-            continue
-        if side not in worst or _excess(corner) > _excess(worst[side]):
+        if corner["reached"] and (side not in worst or corner_excess(corner) > corner_excess(worst[side])):
             worst[side] = corner
-    last = len(scene.moves) - 1
     return [
-        CornerMark(min(found["operation"], last), side, found["planned_m"], found["executed_m"], found["nearest_m"])
+        CornerMark(found["operation"] % len(scene.moves), side, found["planned_m"], found["executed_m"], found["nearest_m"])
         for side, found in sorted(worst.items())
     ]
 
 
-def _excess(corner: Mapping[str, Any]) -> float:
-    return float(corner["executed_m"] - corner["prescribed_m"])
-
-
-def _move(operation: Operation) -> Move:
+def _move(operation: Operation, run: Schedule) -> Move:
     plan = operation.plan
-    samples = plan.sample(plan.grid(PATH_STEP_MS))
-    path = samples["tcp_position"]
+    time = plan.grid(PATH_STEP_MS)
+    path = plan.sample(time)["tcp_position"]
     nearest = [int(np.argmin(np.linalg.norm(path - vertex, axis=1))) for vertex in plan.vertices]
     corners = [phase for phase in plan.phases if phase.name in ("pick_corner", "place_corner")]
     times = [np.linspace(phase.start, phase.start + phase.duration, 101) for phase in corners]
+    from_pick = slice(None, None, -1 if operation.move.is_return else 1)
     return Move(
-        start=operation.start_ms / 1000.0,
-        right_angle_path=np.array([plan.task.pick, *plan.vertices, plan.task.place]),
-        corner_deviation=np.array(plan.task.corner_deviation),
+        name=operation.move.name if operation.move.part else "",
+        start=(operation.clock_ms - plan.dwell_ms) / 1000.0,
+        right_angle_path=np.array([plan.task.pick, *plan.vertices, plan.task.place])[from_pick],
+        corner_deviation=np.array(plan.task.corner_deviation)[from_pick],
         planned_path=path,
-        corner_paths=[plan.sample(t)["tcp_position"] for t in times] if len(corners) == 2 else (),
-        corner_times=operation.start_ms / 1000.0 + plan.grid(PATH_STEP_MS)[nearest],
+        corner_paths=[plan.sample(t)["tcp_position"] for t in times][from_pick] if len(corners) == 2 else (),
+        corner_times=np.array([run.clock.reaches(operation.clock_ms + 1e3 * time[k]) / 1e3 for k in nearest])[from_pick],
     )
 
 
@@ -94,7 +95,7 @@ def _coinciding_joints(plans: Sequence[Plan]) -> tuple[int, ...]:
     return ()
 
 
-def _payload(scenario: Scenario) -> list[tuple[float, float]]:
-    """What the robot really carries, as (from when [s], mass [kg])."""
-    changes = [(fault.time, fault.inputs["payload.mass"]) for fault in scenario.faults if "payload.mass" in fault.inputs]
-    return [(0.0, scenario.payload), *changes]
+def _payload(scenario: Scenario, run: Schedule) -> list[tuple[float, float]]:
+    """What the robot really carries in the first pass, as (from when [s], mass [kg])."""
+    faults = [(fault.time, fault.inputs["payload.mass"]) for fault in scenario.faults if "payload.mass" in fault.inputs]
+    return sorted([*run.payload_changes, *faults], key=lambda change: change[0])

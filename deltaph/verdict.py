@@ -11,7 +11,7 @@ from typing import Any
 
 from deltaph.checks import deviation_tolerance
 from deltaph.fmu.sources import token
-from deltaph.report import found_text
+from deltaph.report import WORST, corner_excess, found_text, payload_text, reduced_text, worst_corner, worst_corners
 from deltaph.scenario import Scenario
 from deltaph.variables import variable_table
 
@@ -67,6 +67,7 @@ def summary_markdown(scenario: Scenario, facts: Mapping[str, Any]) -> str:
         *_verdict(scenario, facts, tolerance),
         "",
         *_faults(scenario),
+        *_feed(scenario, facts),
         *_corners(facts, tolerance),
         "",
         *_run(scenario, facts),
@@ -81,21 +82,60 @@ def summary_markdown(scenario: Scenario, facts: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _worst(facts: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """The corners that were reached, worst first."""
-    reached = [corner for corner in facts["executed"]["corners"] if corner["reached"]]
-    return sorted(reached, key=lambda corner: float(corner["prescribed_m"] - corner["executed_m"]))
+def serving_markdown(scenario: Scenario, facts: Mapping[str, Any]) -> str:
+    """The summary of a cell that served, as the text of a recording.
+
+    Args:
+        scenario: robot, law and drives.
+        facts: the JSON report.
+    """
+    plans, timing, executed = facts["plans"], facts["timing"], facts["executed"]
+    count, lost = plans["corners"], plans["corners"] - plans["corners_kept"]
+    verdict = f"Deviation NOT kept at {lost} of {count} corners" if lost else f"Deviation kept at all {count} corners"
+    lines = [f"# {verdict if count else 'No corner was passed'}", ""]
+    if executed["trip_time_s"] is not None:
+        axis = f" of axis {executed['trip_axis']}" if executed["trip_axis"] else ""
+        lines = [f"# TRIPPED at {executed['trip_time_s']:.3f} s: {executed['trip']}{axis}", "", *lines]
+    if plans["worst"]:
+        lines += [f"Worst: {worst_corner(plans['worst'])}.", ""]
+    lines += [
+        f"**{scenario.title}**: served for {facts['steps'] * facts['communication_step_s']:.3f} s, law `{scenario.law.name}`, "
+        f"{scenario.gains} gains. Plans: {plans['accepted']} accepted, {plans['refused']} refused, {plans['arrived']} arrived. "
+        f"Tracking error at most {1e3 * executed['tracking_error_tcp_max_m']:.3f} mm at the tool.",
+        "",
+        f"{timing['missed_deadlines']} deadlines missed, {facts['telemetry']['dropped']} messages dropped.",
+        "",
+        *_provenance(scenario, facts["provenance"]),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _pace(facts: Mapping[str, Any]) -> str:
+    """How long it takes, and of a sequence how much that is."""
+    sequence, plan = facts["sequence"], facts["plan"]
+    if sequence is not None:
+        parts = f"{sequence['parts']} part{'s' if sequence['parts'] > 1 else ''}"
+        rate = f"{sequence['parts_per_minute']:.1f} parts per minute"
+        return f"{parts} in {len(facts['operations'])} operations, {sequence['cycle_time_s']:.3f} s, **{rate}**"
+    operations = len({corner["operation"] for corner in facts["executed"]["corners"]})
+    times = f"{operations} operations of " if operations > 1 else ""
+    return f"{times}{1e3 * plan['duration_s']:g} ms ({1e3 * plan['nominal_duration_s']:.3f} ms before alignment)"
 
 
 def _place(corner: Mapping[str, Any], facts: Mapping[str, Any]) -> str:
     """Which corner it is, in words."""
-    several = len(facts["executed"]["corners"]) > 2
-    return f"the {SIDES[corner['side']]} corner" + (f" of operation {corner['operation'] + 1}" if several else "")
+    words = f"the {SIDES[corner['side']]} corner"
+    count = len(facts["operations"])
+    if facts["sequence"] is not None:
+        words += f" of {corner['move']}"
+        return words + (f" in cycle {corner['operation'] // count + 1}" if len(facts["executed"]["corners"]) > 2 * count else "")
+    return words + (f" of operation {corner['operation'] + 1}" if len(facts["executed"]["corners"]) > 2 else "")
 
 
 def _verdict(scenario: Scenario, facts: Mapping[str, Any], tolerance: float) -> Iterator[str]:
     """The sentence, and what made it so."""
-    executed, corners = facts["executed"], _worst(facts)
+    executed = facts["executed"]
+    corners = sorted((corner for corner in executed["corners"] if corner["reached"]), key=corner_excess, reverse=True)
     if executed["trip_time_s"] is not None:
         axis = f" of axis {executed['trip_axis']}" if executed["trip_axis"] else ""
         yield f"# TRIPPED at {1e3 * executed['trip_time_s']:g} ms: {executed['trip']}{axis}"
@@ -106,7 +146,7 @@ def _verdict(scenario: Scenario, facts: Mapping[str, Any], tolerance: float) -> 
     if not corners:
         return
     worst = corners[0]
-    excess = worst["executed_m"] - worst["prescribed_m"]
+    excess = corner_excess(worst)
     where, prescribed = _place(worst, facts), f"the prescribed {1e3 * worst['prescribed_m']:g} mm"
     lost = [corner for corner in corners if corner["executed_m"] > corner["prescribed_m"] + tolerance]
     if excess <= 0.0:
@@ -156,35 +196,61 @@ def _faults(scenario: Scenario) -> Iterator[str]:
         yield ""
 
 
+def _feed(scenario: Scenario, facts: Mapping[str, Any]) -> Iterator[str]:
+    """How the feed was changed, and what that cost."""
+    if scenario.feed:
+        changes = ", ".join(f"{100.0 * change.override:g} % from {1e3 * change.time:g} ms on" for change in scenario.feed)
+        yield f"Feed override: {changes}; arrived at {1e3 * facts['executed']['arrival_s']:g} ms."
+        yield ""
+
+
 def _corners(facts: Mapping[str, Any], tolerance: float) -> Iterator[str]:
-    """A row per side: its worst pass."""
-    yield "| corner, mm | prescribed | planned | executed | margin | |"
-    yield "|---|---|---|---|---|---|"
-    corners = _worst(facts)
-    for side in (0, 1):
-        found = next((corner for corner in corners if corner["side"] == side), None)
-        if found is None:
-            yield f"| {SIDES[side]} | | | not reached | | |"
-            continue
-        margin = found["prescribed_m"] - found["executed_m"]
-        word = "kept" if margin >= 0.0 else "within tolerance" if margin >= -tolerance else "**NOT kept**"
-        values = " | ".join(f"{1e3 * found[name]:.3f}" for name in ("prescribed_m", "planned_m", "executed_m"))
-        passes = sum(corner["side"] == side for corner in corners)
-        of = f", worst of {passes}" if passes > 1 else ""
-        yield f"| {SIDES[side]}{of} | {values} | {1e3 * margin:+.3f} | {word} |"
+    """A row per side with its worst pass; of a sequence the worst corners, and how many more there are."""
+    corners = worst_corners(facts)
+    if facts["sequence"] is not None:
+        yield "| corner, mm, worst first | prescribed | planned | executed | margin | |"
+        yield "|---|---|---|---|---|---|"
+        for corner in corners[:WORST]:
+            yield _row(f"{corner['move']}, {SIDES[corner['side']]}", corner, tolerance)
+        others = corners[WORST:]
+        if others:
+            lost = sum(corner_excess(corner) > tolerance for corner in others)
+            yield f"| and {len(others)} more | | | | | {f'**{lost} NOT kept**' if lost else 'all kept'} |"
+    else:
+        yield "| corner, mm | prescribed | planned | executed | margin | |"
+        yield "|---|---|---|---|---|---|"
+        passes = len(facts["executed"]["corners"])
+        for side, name in enumerate(SIDES):
+            found = [corner for corner in corners if corner["side"] == side]
+            if found and found[0]["reached"]:
+                yield _row(name + (f", worst of {passes // 2}" if passes > 2 else ""), found[0], tolerance)
+            else:
+                yield f"| {name} | | | not reached | | |"
+    reduced = {(corner["prescribed_m"], corner["planned_m"], corner["bound"]): corner for corner in corners if corner["bound"]}
+    if reduced:
+        yield ""
+    for facts_of_it, corner in list(reduced.items())[:WORST]:
+        where = f"{corner['move']}, {SIDES[corner['side']]}" if facts["sequence"] is not None else SIDES[corner["side"]]
+        yield f"- {where}: {reduced_text(*facts_of_it)}"
+
+
+def _row(name: str, corner: Mapping[str, Any], tolerance: float) -> str:
+    if not corner["reached"]:
+        return f"| {name} | | | not reached | | |"
+    margin = -corner_excess(corner)
+    word = "kept" if margin >= 0.0 else "within tolerance" if margin >= -tolerance else "**NOT kept**"
+    values = " | ".join(f"{1e3 * corner[key]:.3f}" for key in ("prescribed_m", "planned_m", "executed_m"))
+    return f"| {name} | {values} | {1e3 * margin:+.3f} | {word} |"
 
 
 def _run(scenario: Scenario, facts: Mapping[str, Any]) -> Iterator[str]:
     """What was run, and how far the machine was from it."""
-    executed, plan = facts["executed"], facts["plan"]
-    operations = len({corner["operation"] for corner in executed["corners"]})
-    times = f"{operations} operations of " if operations > 1 else ""
+    executed = facts["executed"]
     declared = f", declared as {scenario.declared_payload:g} kg" if scenario.declared_payload != scenario.payload else ""
     seconds = facts["steps"] * facts["communication_step_s"]
     yield (
-        f"**{scenario.title}**: law `{scenario.law.name}`, {times}{1e3 * plan['duration_s']:g} ms "
-        f"({1e3 * plan['nominal_duration_s']:.3f} ms before alignment), {scenario.gains} drive gains, "
-        f"payload {scenario.payload:g} kg{declared}; {facts['steps']} steps, {seconds:g} s. Tracking error at most "
+        f"**{scenario.title}**: law `{scenario.law.name}`, {_pace(facts)}, {scenario.gains} drive gains, "
+        f"{payload_text(scenario)}{declared}; {facts['steps']} steps, {seconds:g} s. Tracking error at most "
         f"{1e3 * executed['tracking_error_tcp_max_m']:.3f} mm at the tool, "
         f"{_DEGREES * executed['tracking_error_joint_max_rad']:.4f} deg at a joint; excursion outside the right angles at most "
         f"{1e3 * executed['overshoot_m']:.3f} mm."
@@ -203,16 +269,21 @@ def _expectations(checks: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 
 
 def _peaks(scenario: Scenario, facts: Mapping[str, Any]) -> Iterator[str]:
-    """The plan's peaks against the limits, and the motors as they were driven against what they stand."""
+    """The greatest peaks of all plans against the limits, and the motors as they were driven against what they stand."""
     yield "| peak, by joint | 1 | 2 | 3 | limit | used |"
     yield "|---|---|---|---|---|---|"
     for words, limit, fact in _PEAKS:
         bounds = getattr(scenario.limits, limit) if limit is not None else math.inf
-        yield _peak(f"planned {words}", facts["plan"][fact], bounds)
+        yield _peak(f"planned {words}", _greatest([operation[fact] for operation in facts["operations"]]), bounds)
     executed, table = facts["executed"], variable_table("plant")
     for words, parameter, fact in _MOTOR:
         yield _peak(f"executed {words}", executed[fact], scenario.plant.get(parameter, float(table[parameter].start or 0.0)))
     yield _peak("executed motor load", executed["motor_load_max"], 1.0)
+
+
+def _greatest(peaks: Sequence[Any]) -> float | list[float]:
+    """Of all operations: of each joint, or of the one value that there is."""
+    return [max(of_joint) for of_joint in zip(*peaks, strict=True)] if isinstance(peaks[0], list) else float(max(peaks))
 
 
 def _peak(words: str, peaks: float | Sequence[float], limits: float | Sequence[float]) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 
 from deltaph.telemetry.scene import CornerMark, FloatArray, Scene
 from deltaph.telemetry.signals import CORNER, EXECUTED, LIMIT, PLANNED
@@ -55,7 +56,7 @@ def marks(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str, Any]
     """Where the executed path comes closest to each vertex, and how close, in words."""
     for mark in found:
         entity, move = f"corner/{CORNERS[mark.corner]}", scene.moves[mark.move]
-        where = f", move {mark.move + 1}" if len(scene.moves) > 1 else ""
+        where = f", {move.name or f'move {mark.move + 1}'}" if len(scene.moves) > 1 else ""
         nearest = move.seen_from(mark.corner, np.array(mark.nearest))
         distances = move.seen_from(mark.corner, move.planned_path)
         planned = distances[np.argmin(np.linalg.norm(distances, axis=1))]
@@ -83,8 +84,17 @@ def near(scene: Scene, corner: int, seen: FloatArray) -> bool:
 
 
 def _label(scene: Scene, corner: int, line: int, text: str, color: tuple[int, int, int]) -> rr.Points2D:
-    """A line of text beyond the right angle, where no path comes."""
+    return label(corner, size(scene, corner), line, text, color)
+
+
+def label(corner: int, scale: float, line: int, text: str, color: tuple[int, int, int]) -> rr.Points2D:
+    """A line of text beyond the right angle, where no path comes; `scale` is that of the picture [mm]."""
     inwards = 1.0 if corner == 0 else -1.0
-    scale = size(scene, corner)
     at = [inwards * 2.3 * scale, (-2.0 + 0.55 * line) * scale]
     return rr.Points2D([at], colors=[color], radii=[pixels(0.0)], labels=[text], show_labels=True, draw_order=7.0)
+
+
+def bounds(corner: int, scale: float) -> rrb.VisualBounds2D:
+    """What is shown of a corner; `scale` is that of the picture [mm]."""
+    reach = (-1.6 * scale, 4.4 * scale)
+    return rrb.VisualBounds2D(x_range=reach if corner == 0 else (-reach[1], -reach[0]), y_range=(-2.2 * scale, 3.8 * scale))

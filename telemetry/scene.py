@@ -16,10 +16,11 @@ UP = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, kw_only=True)
 class Move:
-    """A planned pick-and-place operation, SI, base frame.
+    """A planned pick-and-place operation, SI, base frame. A return, from a place to a pick point, has its pick side first, too.
 
     Attributes:
-        start: when it begins [s].
+        name: for people; empty where there is only one.
+        start: where its scene's clock is when it begins, with the rest before the motion [s].
         right_angle_path: pick point, vertex above it, vertex above the place point, place point (4, 3) [m].
         corner_deviation: prescribed, at the two vertices (2,) [m].
         planned_path: points of the planned path (n, 3) [m].
@@ -27,6 +28,7 @@ class Move:
         corner_times: when the plan passes the two vertices (2,) [s].
     """
 
+    name: str = ""
     start: float = 0.0
     right_angle_path: FloatArray
     corner_deviation: FloatArray
@@ -71,7 +73,9 @@ class Scene:
         title: of the recording.
         law: name of the motion law.
         scenario_json: the scenario.
-        moves: the operations in order of time, at least one. What comes after them repeats the last one, there or back.
+        moves: the operations in order of time, at least one.
+        period: after which the moves repeat [s]; None where what comes after them repeats the last one, there or back.
+        clock: times (n,) [s] -> where the clock of the moves is then (n,) [s]; the time, unless they are slowed down.
         limits: `joint_velocity`, `joint_acceleration`, `joint_torque` or `tcp_speed` -> one value or one per joint, SI;
             infinite where there is none. Limits of what is not recorded are ignored.
         joint_range: least and greatest joint position [rad].
@@ -88,6 +92,8 @@ class Scene:
     law: str
     scenario_json: str
     moves: Sequence[Move]
+    period: float | None = None
+    clock: Callable[[FloatArray], FloatArray] = lambda time: time
     limits: Mapping[str, float | Sequence[float]] = field(default_factory=dict)
     joint_range: tuple[float, float] = (-np.inf, np.inf)
     peaks: Mapping[str, float] = field(default_factory=dict)
@@ -111,10 +117,11 @@ class Scene:
         return np.array([move.corner_deviation for move in self.moves])
 
     def move_at(self, time: FloatArray) -> NDArray[np.intp]:
-        """Number of the move that runs at times (n,) [s]; the first before, the last after."""
+        """Number of the move that runs at times (n,) [s]; the first before, the last after, unless they repeat."""
         starts = [move.start for move in self.moves]
         # times are start + n·step: half a microsecond is far above their rounding and far below a step
-        return np.maximum(np.searchsorted(starts, time + 5e-7, side="right") - 1, 0)
+        clock = self.clock(time) + 5e-7
+        return np.maximum(np.searchsorted(starts, clock % self.period if self.period else clock, side="right") - 1, 0)
 
     def vertex_distance(self, time: FloatArray, position: FloatArray) -> FloatArray:
         """Distance of positions (n, 3) [m] at times (n,) [s] to the nearer vertex of the move that runs (n,) [m]."""

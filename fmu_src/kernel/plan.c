@@ -98,17 +98,25 @@ static void planar_at(const dph_plan *plan, int piece, double nominal_time, dph_
     }
 }
 
-static double distance(const double a[3], const double b[3], double height)
+static double distance2(const double a[3], const double b[3], double height)
 {
     double x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2] - height;
-    return sqrt(x * x + y * y + z * z);
+    return x * x + y * y + z * z;
 }
 
 /* Distance to the vertex of the nearer corner. */
 static double vertex_distance(const dph_task *task, const double point[3])
 {
-    double pick = distance(point, task->pick, task->lift[0]), place = distance(point, task->place, task->lift[1]);
-    return pick < place ? pick : place;
+    double pick = distance2(point, task->pick, task->lift[0]), place = distance2(point, task->place, task->lift[1]);
+    return sqrt(pick < place ? pick : place);
+}
+
+/* A vector of the motion's plane, whose horizontal direction is (c, s). */
+static inline void in_space(double horizontal, double vertical, double c, double s, double vector[3])
+{
+    vector[0] = horizontal * c;
+    vector[1] = horizontal * s;
+    vector[2] = vertical;
 }
 
 /* The tcp part of a setpoint. */
@@ -120,15 +128,13 @@ static void tcp_at(const dph_plan *plan, int piece, double time, dph_setpoint *s
     planar_at(plan, piece, nominal < begin ? begin : nominal > end ? end : nominal, &motion);
 
     const double *origin = motion.side == 0 ? plan->task.pick : plan->task.place;
-    double *const derivative[4] = {setpoint->tcp_position, setpoint->tcp_velocity, setpoint->tcp_acceleration, setpoint->tcp_jerk};
-    double scale = 1.0;
-    for (int order = 0; order < 4; ++order, scale *= factor) {
-        derivative[order][0] = scale * motion.d[order][0] * plan->direction[0];
-        derivative[order][1] = scale * motion.d[order][0] * plan->direction[1];
-        derivative[order][2] = scale * motion.d[order][1];
-    }
-    for (int i = 0; i < 3; ++i)
-        setpoint->tcp_position[i] += origin[i];
+    double c = plan->direction[0], s = plan->direction[1], factor2 = factor * factor, factor3 = factor2 * factor;
+    setpoint->tcp_position[0] = origin[0] + motion.d[0][0] * c;
+    setpoint->tcp_position[1] = origin[1] + motion.d[0][0] * s;
+    setpoint->tcp_position[2] = origin[2] + motion.d[0][1];
+    in_space(factor * motion.d[1][0], factor * motion.d[1][1], c, s, setpoint->tcp_velocity);
+    in_space(factor2 * motion.d[2][0], factor2 * motion.d[2][1], c, s, setpoint->tcp_acceleration);
+    in_space(factor3 * motion.d[3][0], factor3 * motion.d[3][1], c, s, setpoint->tcp_jerk);
     setpoint->arc_length = motion.arc_length;
     setpoint->length = plan->length;
     setpoint->vertex_distance = vertex_distance(&plan->task, setpoint->tcp_position);
@@ -147,37 +153,11 @@ static dph_verdict joints_at(const dph_robot *robot, double payload, dph_setpoin
                     setpoint->joint_jerk);
     memcpy(motion.point_dd, setpoint->tcp_acceleration, sizeof motion.point_dd);
     dph_pose_dynamics(robot, &pose, payload, &motion);
-    for (int i = 0; i < 3; ++i)
-        setpoint->joint_position[i] = atan2(pose.direction[i][1], pose.direction[i][0]);
+    dph_pose_angles(&pose, setpoint->joint_position);
     memcpy(setpoint->joint_velocity, motion.theta_d, sizeof motion.theta_d);
     memcpy(setpoint->joint_acceleration, motion.theta_dd, sizeof motion.theta_dd);
     memcpy(setpoint->joint_torque, motion.torque, sizeof motion.torque);
     return verdict;
-}
-
-/* Points 2.5 mm apart on average and never 10 mm. With a dexterity of at least 0.1 at its ends no such interval can hide a singularity:
- * 5 mm turn a joint by at most 5 mm / (0.1 * upper arm length), which changes the dexterity by less than it is. */
-static dph_verdict path_check(const dph_plan *plan, dph_cursor *cursor, int *units)
-{
-    static const double spacing = 2.5e-3, most_intervals = 1e6;
-    for (; cursor->part < plan->pieces; ++cursor->part, cursor->point = 0) {
-        int piece = cursor->part;
-        double length = plan->arc_boundary[piece + 1] - plan->arc_boundary[piece];
-        int intervals = 4 + (int)fmin(length / spacing, most_intervals); /* also where the length has overflowed to no number */
-        double begin = plan->boundary[piece], step = (plan->boundary[piece + 1] - begin) / intervals;
-        if (!(plan->boundary[piece + 1] > begin))
-            continue; /* a phase that this path does not have */
-        for (; cursor->point <= intervals; ++cursor->point, --*units) {
-            if (*units <= 0)
-                return dph_unfinished();
-            dph_setpoint setpoint;
-            tcp_at(plan, piece, (begin + step * cursor->point) / plan->speed_factor, &setpoint);
-            dph_verdict verdict = dph_pose_check(&plan->robot, setpoint.tcp_position, plan->phase[piece]);
-            if (verdict.status != DPH_STATUS_OK)
-                return verdict;
-        }
-    }
-    return dph_accept();
 }
 
 static dph_verdict begin(const dph_robot *robot, const dph_task *task, dph_progress *progress, dph_workspace *workspace, dph_plan *plan)
@@ -220,7 +200,7 @@ static dph_verdict law_continue(dph_progress *progress, dph_workspace *workspace
     return dph_refuse(DPH_STATUS_INVALID_VALUE, DPH_PHASE_IDLE, 0, 0.0, plan->task.law);
 }
 
-/* The law, the clock, and points of the path as the robot will see them; time_optimal has checked them on its way. */
+/* The law, the clock, and whether the robot can follow; the laws within limits have asked that before their search. */
 static dph_verdict proceed(dph_progress *progress, dph_workspace *workspace, dph_plan *plan, int units)
 {
     if (!progress->has_law) {
@@ -234,7 +214,9 @@ static dph_verdict proceed(dph_progress *progress, dph_workspace *workspace, dph
         align(plan);
         progress->has_law = 1;
     }
-    return plan->task.law == DPH_LAW_TIME_OPTIMAL ? dph_accept() : path_check(plan, &progress->cursor, &units);
+    if (plan->task.law == DPH_LAW_PAPER_LIMITED || plan->task.law == DPH_LAW_TIME_OPTIMAL)
+        return dph_accept();
+    return dph_path_check(plan, &progress->cursor, &units);
 }
 
 dph_verdict dph_plan_begin(const dph_robot *robot, const dph_task *task, dph_workspace *workspace, dph_plan *plan)

@@ -42,7 +42,22 @@ def table(path: Path) -> list[dict[str, str]]:
 
 def test_version_and_help(tmp_path: Path) -> None:
     assert deltaph("--version", cwd=tmp_path).stdout.startswith("deltaph ")
-    for command in ("init", "schema", "plan", "build", "run", "record", "view", "compare", "export", "paper", "header", "bench"):
+    for command in (
+        "init",
+        "schema",
+        "plan",
+        "build",
+        "run",
+        "record",
+        "command",
+        "view",
+        "compare",
+        "export",
+        "paper",
+        "header",
+        "zenoh-config",
+        "bench",
+    ):
         result = deltaph(command, "--help", cwd=tmp_path)
         assert result.returncode == 0, result.stderr
         assert "Usage" in result.stdout
@@ -52,6 +67,24 @@ def test_init_writes_a_scenario_that_plans_and_never_overwrites(tmp_path: Path) 
     assert deltaph("init", cwd=tmp_path).returncode == 0
     assert deltaph("plan", "scenario.toml", cwd=tmp_path).returncode == 0
     assert_refused(deltaph("init", cwd=tmp_path), 2, "scenario.toml exists")
+
+
+def test_zenoh_configurations_are_printed_and_read(tmp_path: Path) -> None:
+    for name in ("cell", "client"):
+        printed = deltaph("zenoh-config", name, cwd=tmp_path)
+        assert printed.returncode == 0, printed.stderr
+        (tmp_path / f"{name}.json5").write_text(printed.stdout, encoding="utf-8")
+        assert f"deltaph zenoh-config {name} > {name}.json5" in printed.stdout
+    assert_refused(deltaph("zenoh-config", "router", cwd=tmp_path), 2, "'router'", "choose cell or client")
+    # the example as it is: there are no certificates yet
+    assert_refused(deltaph("run", PAPER, "--zenoh-config", "cell.json5", cwd=tmp_path), 2, "cannot listen on tls/[::]:7447")
+    missing = deltaph("record", "-o", "a.rrd", "--zenoh-config", "missing.json5", cwd=tmp_path)
+    assert_refused(missing, 2, "cannot read the Zenoh configuration missing.json5: No such file")
+
+
+def test_name_of_the_cell_is_checked(tmp_path: Path) -> None:
+    assert_refused(deltaph("run", PAPER, "--cell", "a/b", cwd=tmp_path), 2, "'a/b' does not fit into a Zenoh key")
+    assert_refused(deltaph("run", PAPER, "--cell", "a", "--no-telemetry", cwd=tmp_path), 2, "--cell", "need telemetry")
 
 
 def test_no_command_is_answered_with_the_help_alone(tmp_path: Path) -> None:
@@ -83,7 +116,7 @@ def test_plan_reports_and_writes_everything(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
     assert "303 ms" in result.stdout
     report = json.loads((tmp_path / "plan.json").read_text())
-    assert set(report) == {"scenario", "law", "plan", "phases"}
+    assert set(report) == {"scenario", "law", "plan", "phases", "sequence", "operations"}
     assert report["plan"]["duration_s"] == 0.303
     assert report["plan"]["corner_deviation_m"] == [0.006, 0.006]
     assert [p["name"] for p in report["phases"]] == ["lift", "pick_corner", "accelerate", "decelerate", "place_corner", "lower"]
@@ -225,7 +258,7 @@ def test_run_reports_planned_and_executed_side_by_side(tmp_path: Path) -> None:
     report = json.loads((tmp_path / "run.json").read_text())
     assert set(report) == {
         "scenario", "law", "steps", "communication_step_s", "plan", "executed", "timing", "telemetry", "recording",
-        "expect", "provenance",
+        "expect", "provenance", "sequence", "operations",
     }  # fmt: skip
     assert report["steps"] == 353
     assert report["executed"]["corner_deviation_m"] == pytest.approx([0.006, 0.006], abs=5e-5)

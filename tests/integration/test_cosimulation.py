@@ -10,10 +10,11 @@ from deltaph.errors import InfeasibleError
 from deltaph.execution import Trace, evaluate, nearest_point, overshoot
 from deltaph.fmu import cached_fmus
 from deltaph.frame import Frame
-from deltaph.importer import Schedule, cosimulate, schedule
+from deltaph.importer import cosimulate
 from deltaph.outputs import planner_columns
 from deltaph.plan import Plan
 from deltaph.scenario import Scenario, load_scenario, parse_scenario, template
+from deltaph.schedule import Schedule, schedule
 
 SCENARIOS = sorted((Path(__file__).parents[2] / "scenarios").glob("*.toml"))
 
@@ -32,7 +33,7 @@ def test_scenario_meets_its_expectations(path: Path) -> None:
         return
     run = schedule(scenario)
     execution = evaluate(Trace(frames_of(scenario, run)), run)
-    values = planned_values(run.operations[0].plan) | executed_values(execution)
+    values = planned_values(run) | executed_values(execution)
     checks = evaluate_expectations(scenario.expect, values, execution.trip)
     assert checks
     assert [check for check in checks if not check.ok] == []

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from reference.pinocchio_delta import PinocchioDelta
 
 from deltaph.fmu import cached_fmus
-from deltaph.importer import cosimulate, schedule
+from deltaph.importer import cosimulate
 from deltaph.outputs import frame_columns, write_csv
 from deltaph.scenario import parse_scenario, template
+from deltaph.schedule import schedule
 from deltaph.variables import variable_table
 
 Vector = NDArray[np.float64]

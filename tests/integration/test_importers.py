@@ -13,8 +13,9 @@ from integration.importers import STEPS, Table, signals, table
 from deltaph.fmu import ssp
 from deltaph.fmu.model_description import FmiVersion
 from deltaph.fmu.package import archive, file_name
-from deltaph.importer import cosimulate, schedule
+from deltaph.importer import cosimulate
 from deltaph.scenario import load_scenario
+from deltaph.schedule import schedule
 from deltaph.variables import MODELS
 
 PLANNER = np.array([model == "planner" for model, _ in signals()])

@@ -12,10 +12,11 @@ from integration.fmi_slave import ERROR, OK, FmiSlave
 
 from deltaph.execution import Execution, Trace, evaluate
 from deltaph.fmu import cached_fmus
-from deltaph.importer import cosimulate, schedule
+from deltaph.importer import cosimulate
 from deltaph.kernel import ffi, lib
 from deltaph.robot import Robot
 from deltaph.scenario import load_scenario
+from deltaph.schedule import schedule
 from deltaph.variables import variable_table
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"

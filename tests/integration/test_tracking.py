@@ -6,8 +6,9 @@ import pytest
 
 from deltaph.execution import Execution, Trace, evaluate
 from deltaph.fmu import cached_fmus
-from deltaph.importer import cosimulate, schedule
+from deltaph.importer import cosimulate
 from deltaph.scenario import parse_scenario, template
+from deltaph.schedule import schedule
 
 PAPER = template()
 COMPARISON = PAPER.replace('name = "paper"', 'name = "comparison"')

@@ -1,0 +1,52 @@
+"""The planner's clock under a feed override, as the planner itself moves it on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltaph.kernel import ffi, lib
+
+FloatArray = NDArray[np.float64]
+
+
+class FeedClock:
+    """When the planner's clock is where; without an override it is the time.
+
+    Args:
+        changes: overrides in order, as (from when [ms], value); a whole number of milliseconds.
+    """
+
+    def __init__(self, changes: Sequence[tuple[int, float]] = ()) -> None:
+        filtered = ffi.new("Feed *")
+        lib.feed_start(filtered, 1.0)
+        time, clock = [0.0], [0.0]
+        for (_, rate), (end, _) in pairwise([(0, 1.0), *changes, (math.inf, 1.0)]):
+            self._rate = rate
+            while time[-1] < end and not (settled := lib.feed_is_settled(filtered, rate)):
+                time.append(time[-1] + 1.0)
+                clock.append(clock[-1] + 1000.0 * lib.feed_step(filtered, rate))
+            if settled and time[-1] < end < math.inf:
+                clock.append(clock[-1] + rate * (end - time[-1]))
+                time.append(float(end))
+        self._time, self._clock = np.array(time), np.array(clock)
+
+    def at(self, time: FloatArray) -> FloatArray:
+        """The clock (n,) [s] at times (n,) [s]."""
+        ms = 1000.0 * time
+        beyond = np.maximum(ms - self._time[-1], 0.0)
+        clock: FloatArray = (np.interp(ms, self._time, self._clock) + self._rate * beyond) / 1000.0
+        return clock
+
+    def reaches(self, clock: float) -> float:
+        """The time at which the clock comes to a value; both in [ms]."""
+        if clock >= self._clock[-1]:
+            return float(self._time[-1] + (clock - self._clock[-1]) / self._rate)
+        # the first time it is there: a clock that stands still is at its value for a while
+        after = max(int(np.searchsorted(self._clock, clock)), 1)
+        ends = slice(after - 1, after + 1)
+        return float(np.interp(clock, self._clock[ends], self._time[ends]))
