@@ -7,6 +7,7 @@ import statistics
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,9 @@ from rich.table import Table
 from deltaph.execution import Trace
 from deltaph.fmu import cached_fmus
 from deltaph.importer import cosimulate
+from deltaph.kernel import ffi, lib
 from deltaph.plan import Plan
-from deltaph.scenario import Law, Limits, Scenario
+from deltaph.scenario import Law, Limits, Scenario, parse_scenario, template
 from deltaph.schedule import schedule
 
 ROUNDS = 50
@@ -98,17 +100,25 @@ def _module(name: str) -> Any | None:
         return None
 
 
-def _toppra(toppra: Any, arc_length: NDArray[np.float64], joints: NDArray[np.float64], limits: Limits) -> Contender:
-    """Velocity and acceleration on the same path, a spline through its points, 200 intervals."""
-    toppra.setup_logging("ERROR")
+def _toppra_instance(
+    toppra: Any, arc_length: NDArray[np.float64], joints: NDArray[np.float64], limits: Limits
+) -> tuple[Any, NDArray[np.float64]]:
+    """Its solver on a spline through points of a path, 200 intervals."""
     constraint, algorithm = importlib.import_module("toppra.constraint"), importlib.import_module("toppra.algorithm")
     bounds = [np.array([[-b, b] for b in limit]) for limit in (limits.joint_velocity, limits.joint_acceleration)]
     constraints = [constraint.JointVelocityConstraint(bounds[0]), constraint.JointAccelerationConstraint(bounds[1])]
     grid = np.linspace(0.0, arc_length[-1], 201)
+    path = toppra.SplineInterpolator(arc_length, joints)
+    return algorithm.TOPPRA(constraints, path, gridpoints=grid, solver_wrapper="seidel"), grid
+
+
+def _toppra(toppra: Any, arc_length: NDArray[np.float64], joints: NDArray[np.float64], limits: Limits) -> Contender:
+    """Velocity and acceleration on the same path."""
+    toppra.setup_logging("ERROR")
 
     def work() -> float:
-        path = toppra.SplineInterpolator(arc_length, joints)
-        _, speed, _ = algorithm.TOPPRA(constraints, path, gridpoints=grid, solver_wrapper="seidel").compute_parameterization(0, 0)
+        instance, grid = _toppra_instance(toppra, arc_length, joints, limits)
+        _, speed, _ = instance.compute_parameterization(0, 0)
         return float(np.sum(2.0 * np.diff(grid) / (speed[1:] + speed[:-1])))
 
     return Contender("toppra: velocity, acceleration", work, peer=True)
@@ -128,32 +138,122 @@ def _ruckig(ruckig: Any, joints: NDArray[np.float64], limits: Limits) -> Contend
     return Contender("ruckig: end to end, without the path", work, peer=True)
 
 
-def peers(plan: Plan, limits: Limits) -> list[Contender]:
-    """The peers that are installed, on the path of a plan."""
-    s = plan.sample(plan.grid())
+def _planned(plan: Plan, limits: Limits, name: str) -> Contender:
+    """The kernel's time-optimal law on the task of a plan: path, solution, verification, alignment."""
+    request = ffi.new("dph_task *", Plan(plan.robot, plan.task, replace(plan.law, name="time_optimal"), 0.0, limits)._struct.task)
+    result, memory = ffi.new("dph_plan *"), ffi.new("double[]", -(-lib.dph_workspace_size() // 8))
+
+    def work() -> float:
+        lib.dph_plan_make(plan.robot.struct, request, ffi.cast("dph_workspace *", memory), result)
+        return float(result.nominal_duration)
+
+    return Contender(name, work)
+
+
+def _stretch(path: Any, arc_length: NDArray[np.float64], step: float, limits: Limits, orders: int) -> float:
+    """The factor on time that makes a motion along a path keep its limits of so many orders, by differences over `step` [s]."""
+    theta = path(arc_length)
+    bounds = (limits.joint_velocity, limits.joint_acceleration, limits.joint_jerk)[:orders]
+    peaks = (np.abs(np.diff(theta, n=n, axis=0)).max(axis=0) / step**n / np.array(bound) for n, bound in enumerate(bounds, 1))
+    return max(float(peak.max()) ** (1.0 / n) for n, peak in enumerate(peaks, 1))
+
+
+FINE = 2e-5
+"""Between the grid points of a peer its motion is looked at so often [s]."""
+
+
+def _copp(copp: Any, path: Any, length: float, limits: Limits) -> tuple[Contender, Callable[[], float]]:
+    """Velocity, acceleration and jerk on a path, 201 grid points; and the factor on time that keeps the limits in between.
+
+    The path's derivatives are given to it, and not part of the time.
+    """
+    grid = np.linspace(0.0, length, 201)
+    q = [np.ascontiguousarray(path(grid, order)) for order in range(4)]
+    bounds = [np.tile(np.array(b), (len(grid), 1)) for b in (limits.joint_velocity, limits.joint_acceleration, limits.joint_jerk)]
+
+    def profile() -> Any:
+        robot = copp.Robot(3, capacity=len(grid))
+        robot.append_s(grid)
+        robot.set_q(q[0], q[1], q[2], 0, dddq=q[3])
+        for add, bound in zip(
+            (robot.add_velocity_limits, robot.add_acceleration_limits, robot.add_jerk_limits), bounds, strict=True
+        ):
+            add(bound, -bound, start_idx_s=0)
+        second_order = copp.solver.topp2_ra
+        first = second_order.solve(second_order.Problem(robot.constraints, (0, len(grid) - 1)))
+        return copp.solver.topp3_lp.solve(copp.solver.topp3_lp.Problem(robot.constraints, first))
+
+    def stretch() -> float:
+        found = profile()
+        duration, times = copp.interpolation.s_to_t_topp3(grid, found)
+        fine = np.arange(0.0, duration, FINE)
+        return _stretch(path, copp.interpolation.t_to_s_topp3_samples(grid, found, times, fine), FINE, limits, 3)
+
+    return Contender(
+        "copp-py: velocity, acceleration, jerk", lambda: float(copp.interpolation.s_to_t_topp3(grid, profile())[0]), True
+    ), stretch
+
+
+def _toppra_stretch(path: Any, toppra: Any, arc_length: NDArray[np.float64], joints: NDArray[np.float64], limits: Limits) -> float:
+    """The factor on time that makes toppra's motion keep its limits between its grid points."""
+    instance, grid = _toppra_instance(toppra, arc_length, joints, limits)
+    _, speed, _ = instance.compute_parameterization(0, 0)
+    b, inside = speed**2, np.linspace(0.0, 1.0, 11)
+    s = (grid[:-1, None] + np.diff(grid)[:, None] * inside).ravel()
+    speed2 = (b[:-1, None] + np.diff(b)[:, None] * inside).ravel()
+    slope = np.repeat(0.5 * np.diff(b) / np.diff(grid), len(inside))
+    velocity = np.abs(path(s, 1)).max(axis=1) * np.sqrt(speed2) / limits.joint_velocity[0]
+    acceleration = np.abs(path(s, 2) * speed2[:, None] + path(s, 1) * slope[:, None]).max(axis=1) / limits.joint_acceleration[0]
+    return max(float(velocity.max()), float(np.sqrt(acceleration.max())))
+
+
+def compare_optima(name: str, plan: Plan, limits: Limits, console: Console, rounds: int = ROUNDS) -> None:
+    """Time-optimal motions along the path of a plan, ours and the peers', in turns, each slowed down until it keeps the limits."""
+    s = plan.sample(plan.grid(0.25))
     moving = np.append(True, np.diff(s["arc_length"]) > 1e-4 * plan.length)
-    moving[-1] = True
-    found = []
-    if (toppra := _module("toppra")) is not None:
-        found.append(_toppra(toppra, s["arc_length"][moving], s["joint_position"][moving], limits))
+    arc_length, joints = s["arc_length"][moving], s["joint_position"][moving]
+    contenders = [
+        _planned(plan, replace(limits, joint_jerk=UNLIMITED), "deltaph: velocity, acceleration"),
+        _planned(plan, limits, "deltaph: velocity, acceleration, jerk"),
+    ]
+    stretches: list[float] = [1.0, 1.0]  # by construction
+    interpolate = _module("scipy.interpolate")
+    path = interpolate.make_interp_spline(arc_length, joints, k=5) if interpolate is not None else None
+    if path is not None and (toppra := _module("toppra")) is not None:
+        contenders.append(_toppra(toppra, arc_length, joints, limits))
+        stretches.append(_toppra_stretch(path, toppra, arc_length, joints, limits))
+    if path is not None and (copp := _module("copp_py")) is not None:
+        contender, stretch = _copp(copp, path, float(arc_length[-1]), limits)
+        contenders.append(contender)
+        stretches.append(stretch())
     if (ruckig := _module("ruckig")) is not None:
-        found.append(_ruckig(ruckig, s["joint_position"], limits))
-    return found
+        contenders.append(_ruckig(ruckig, joints, limits))
+        stretches.append(1.0)
+    timings = in_turns(contenders, rounds)
+    ours = {t.contender.name.partition(": ")[2]: t.median_us for t in timings if not t.contender.peer}
+    table = Table(name, "median (us)", "motion (ms)", "within limits (ms)", "times ours", box=None, pad_edge=False)
+    for t, stretch in zip(timings, stretches, strict=True):
+        base = ours.get(t.contender.name.partition(": ")[2]) if t.contender.peer else None
+        feasible = 1e3 * t.duration * max(stretch, 1.0)
+        ratio = f"{t.median_us / base:.0f}" if base is not None else ""
+        table.add_row(t.contender.name, f"{t.median_us:.1f}", f"{1e3 * t.duration:.2f}", f"{feasible:.2f}", ratio)
+    console.print(table)
 
 
 def run_benchmarks(scenario: Scenario, console: Console) -> None:
     """Measure and print: planning, peers, steps of both FMUs, real-time factor."""
     paper = Plan.of(scenario)
     limits = papers_peaks(paper)
-    timings = in_turns([*_own(scenario, limits), *peers(paper, limits)])
-    table = Table("one PPO, measured in turns", "median (us)", "motion (ms)", "times ours", box=None, pad_edge=False)
-    ours = {t.contender.name.partition(": ")[2]: t.median_us for t in timings if not t.contender.peer}
-    for t in timings:
-        base = ours.get(t.contender.name.partition(": ")[2]) if t.contender.peer else None
-        ratio = f"{t.median_us / base:.0f}" if base is not None else ""
-        table.add_row(t.contender.name, f"{t.median_us:.1f}", f"{1e3 * t.duration:.2f}", ratio)
+    table = Table("one PPO, measured in turns", "median (us)", "motion (ms)", box=None, pad_edge=False)
+    for t in in_turns(_own(scenario, limits)):
+        table.add_row(t.contender.name, f"{t.median_us:.1f}", f"{1e3 * t.duration:.2f}")
     console.print(table)
-    missing = [name for name in ("toppra", "ruckig") if _module(name) is None]
+    compare_optima("time-optimal on the paper's path, in turns", paper, limits, console)
+    cycle = parse_scenario(template("cycle_25_305_25"), Path("cycle_25_305_25.toml"))
+    compare_optima("25 / 305 / 25 mm", Plan.of(cycle), cycle.limits, console)
+    missing = [
+        name for name, module in (("toppra", "toppra"), ("ruckig", "ruckig"), ("copp-py", "copp_py")) if _module(module) is None
+    ]
     if missing:
         console.print(f"not installed: {', '.join(missing)} (pip install 'deltaph[bench]')", markup=False)
 

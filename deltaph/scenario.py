@@ -410,10 +410,10 @@ def _parse(document: Mapping[str, Any], path: Path, sha256: str) -> Scenario:
     )
 
 
-def template() -> str:
-    """A commented scenario to start from."""
+def template(name: str = "paper") -> str:
+    """A scenario that comes with the package; `paper` is commented, to start from."""
     package = Path(__file__).resolve().parent
     for directory in (package / "scenarios", package.parent / "scenarios"):
-        if (directory / "paper.toml").is_file():
-            return (directory / "paper.toml").read_text(encoding="utf-8")
+        if (directory / f"{name}.toml").is_file():
+            return (directory / f"{name}.toml").read_text(encoding="utf-8")
     raise FileNotFoundError(f"the scenarios are neither in {package} nor beside it: install deltaph again")
