@@ -23,6 +23,8 @@ TASKS = int(os.environ.get("DELTAPH_RANDOM_TASKS", "200"))
 EXCESS = 1e-3
 """What the product promises; found are ratios below 1."""
 
+WITHOUT_JERK = replace(PAPERS_PEAKS, joint_jerk=(math.inf,) * 3)
+
 tasks = st.integers(0, 10_000).map(lambda seed: next(random_tasks(1, seed)))
 joint_limits = st.builds(
     lambda v, a, j: limits_of(4.4227 * v, 241.365 * a, 29965.0 * j), *(st.floats(math.log(0.3), math.log(3.0)).map(math.exp),) * 3
@@ -37,9 +39,6 @@ def test_random_tasks_are_all_solved_within_their_limits() -> None:
     for number, task in enumerate(random_tasks(TASKS)):
         plan = Plan(ROBOT, task, TIME_OPTIMAL, 0.0, PAPERS_PEAKS)
         assert max(ratios(plan, PAPERS_PEAKS)) <= 1 + EXCESS, (number, task)
-
-
-WITHOUT_JERK = replace(PAPERS_PEAKS, joint_jerk=(math.inf,) * 3)
 
 
 def ratios_within_pieces(plan: Plan, limits: Limits, parts: int = 60) -> tuple[float, float]:
@@ -78,10 +77,9 @@ def test_limits_hold_by_differences_of_the_inverse_kinematics(task: Task, limits
     assert max(ratios(Plan(ROBOT, task, TIME_OPTIMAL, 0.0, limits), limits)) <= 1 + EXCESS
 
 
-@given(tasks)
-@settings(max_examples=40, deadline=None)
-def test_some_limit_is_nearly_reached_almost_everywhere(task: Task) -> None:
-    limits = PAPERS_PEAKS
+@given(tasks, st.sampled_from([PAPERS_PEAKS, WITHOUT_JERK]))
+@settings(max_examples=60, deadline=None)
+def test_some_limit_is_nearly_reached_almost_everywhere(task: Task, limits: Limits) -> None:
     plan = Plan(ROBOT, task, TIME_OPTIMAL, 0.0, limits)
     s = plan.sample(np.linspace(0.0, plan.duration, 1001))
     used = [
@@ -104,6 +102,17 @@ def test_torque_and_tcp_speed_hold(task: Task, torque: float, tcp_speed: float, 
     assert within((plan.peaks.tcp_speed,), (tcp_speed,))
     assert within(plan.peaks.joint_velocity, limits.joint_velocity)
     assert within(plan.peaks.joint_jerk, limits.joint_jerk)
+
+
+@given(tasks, st.sampled_from(["joint_velocity", "joint_acceleration"]), st.integers(0, 2), st.floats(0.4, 0.95))
+@settings(max_examples=60, deadline=None)
+def test_without_a_jerk_limit_a_tighter_limit_never_makes_it_faster(task: Task, name: str, joint: int, factor: float) -> None:
+    free = Plan(ROBOT, task, TIME_OPTIMAL, 0.0, WITHOUT_JERK)
+    bound = list(getattr(WITHOUT_JERK, name))
+    bound[joint] *= factor
+    slower = Plan(ROBOT, task, TIME_OPTIMAL, 0.0, replace(WITHOUT_JERK, **{name: tuple(bound)}))
+    assert within(getattr(slower.peaks, name), tuple(bound))
+    assert slower.nominal_duration >= 0.995 * free.nominal_duration  # found: 1.0; what knots are worth may differ
 
 
 @given(tasks, st.sampled_from(["joint_velocity", "joint_acceleration", "joint_jerk"]), st.integers(0, 2), st.floats(0.4, 0.95))
@@ -132,6 +141,14 @@ def test_time_scales(task: Task, clock: float) -> None:
 def test_mirrored_task_takes_as_long(task: Task, limits: Limits) -> None:
     plan, back = Plan(ROBOT, task, TIME_OPTIMAL, 0.0, limits), Plan(ROBOT, task.reversed(), TIME_OPTIMAL, 0.0, limits)
     assert back.nominal_duration == pytest.approx(plan.nominal_duration, rel=5e-3)
+
+
+@given(tasks)
+@settings(max_examples=30, deadline=None)
+def test_mirrored_task_takes_as_long_without_a_jerk_limit(task: Task) -> None:
+    """But for where rows between two vertices bound the first one rather than the second: 0.02 % median, 1.2 % worst of 300."""
+    plan, back = (Plan(ROBOT, t, TIME_OPTIMAL, 0.0, WITHOUT_JERK) for t in (task, task.reversed()))
+    assert back.nominal_duration == pytest.approx(plan.nominal_duration, rel=0.02)
 
 
 @given(tasks, joint_limits, st.sampled_from([1.0, math.inf]))
