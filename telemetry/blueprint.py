@@ -122,7 +122,10 @@ def _deviations(scene: Scene) -> rrb.Container | rrb.View:
     entity = f"{PLOT}path/deviation/**"
     if len(scene.moves) > 1:
         top = 4.0 * max(corner.size(scene, 0), corner.size(scene, 1))
-        return _plot("Distance to the nearer vertex [mm]: planned blue, executed orange, prescribed red", entity, within=(0.0, top))
+        return rrb.Vertical(
+            _plot("Deviation at each corner [mm]: planned violet, executed orange, prescribed red", f"{corner.PASSES}/**"),
+            _plot("Distance to the nearer vertex [mm]: planned blue, executed orange", entity, within=(0.0, top)),
+        )
     views = []
     for index, name in enumerate(CORNERS):
         size, at = corner.size(scene, index), float(scene.moves[0].corner_times[index])
@@ -148,8 +151,8 @@ def blueprint(scene: Scene, *, live: bool = False) -> rrb.Blueprint:
         _deviations(scene),
         _plot("Tool tracking error, setpoint - actual [mm]: x red, y green, z blue", f"{PLOT}tcp/tracking_error"),
         _plot(f"Joint tracking error [deg]: {joints}", f"{PLOT}joint/tracking_error"),
-        rrb.StateTimelineView(name="Phase and trip", origin="/", contents=["phase", "trip"]),
-        row_shares=[3, 2.5, 2.5, 1.5],
+        rrb.StateTimelineView(name="Phase and trip", origin="/", contents=["operation", "phase", "trip"]),
+        row_shares=[3, 2.5, 2.5, 1.5] if len(scene.moves) == 1 else [5, 2, 2, 1.5],
         name="Deviation",
     )
     motion = rrb.Vertical(
@@ -179,7 +182,7 @@ def blueprint(scene: Scene, *, live: bool = False) -> rrb.Blueprint:
     )
     events = rrb.Vertical(
         rrb.TextLogView(name="Events", origin="event"),
-        rrb.StateTimelineView(name="Phase and trip", origin="/", contents=["phase", "trip"]),
+        rrb.StateTimelineView(name="Phase and trip", origin="/", contents=["operation", "phase", "trip"]),
         row_shares=[3, 1],
         name="Events",
     )

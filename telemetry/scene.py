@@ -111,6 +111,10 @@ class Scene:
             if np.shape(getattr(self, name)) != (3, 3):
                 raise ValueError(f"{name} has the shape {np.shape(getattr(self, name))} instead of (3, 3)")
 
+    def name_of(self, number: int) -> str:
+        """What a move is called."""
+        return self.moves[number].name or f"move {number + 1}"
+
     @property
     def corner_deviation(self) -> FloatArray:
         """Prescribed, at the two vertices of each move (moves, 2) [m]."""
@@ -132,7 +136,7 @@ class Scene:
 
 @dataclass(frozen=True, slots=True)
 class CornerMark:
-    """The closest approach to a vertex that is marked: the worst of all passes.
+    """The closest approach to a vertex in one pass.
 
     Attributes:
         move: number of the move.
@@ -140,6 +144,7 @@ class CornerMark:
         planned: smallest distance of the planned path [m].
         executed: of the executed path [m].
         nearest: the executed path's point there (3,) [m].
+        time: when [s].
     """
 
     move: int
@@ -147,3 +152,4 @@ class CornerMark:
     planned: float
     executed: float
     nearest: Sequence[float]
+    time: float = 0.0
