@@ -24,9 +24,6 @@ from deltaph.schedule import schedule
 ROUNDS = 50
 CYCLES = 20
 
-PAPER_US = 207.0
-"""The paper's own time for one PPO at 1 kHz, positions only, on a 2.13 GHz processor."""
-
 UNLIMITED = (float("inf"),) * 3
 
 
@@ -156,8 +153,6 @@ def run_benchmarks(scenario: Scenario, console: Console) -> None:
         ratio = f"{t.median_us / base:.0f}" if base is not None else ""
         table.add_row(t.contender.name, f"{t.median_us:.1f}", f"{1e3 * t.duration:.2f}", ratio)
     console.print(table)
-    both = timings[1].median_us
-    console.print(f"the paper: {PAPER_US:g} us for one PPO, positions only, at 2.13 GHz: {PAPER_US / both:.1f} times as long")
     missing = [name for name in ("toppra", "ruckig") if _module(name) is None]
     if missing:
         console.print(f"not installed: {', '.join(missing)} (pip install 'deltaph[bench]')", markup=False)

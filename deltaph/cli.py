@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import signal
 import sys
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 
 from deltaph.errors import DeltaphError, InfeasibleError, ScenarioError
 from deltaph.files import STDOUT, check_writable, replace, write_text
+
+if TYPE_CHECKING:
+    from deltaph.telemetry import CommandClient, Reply
 
 app = typer.Typer(
     name="deltaph",
@@ -32,6 +37,12 @@ JsonOption = Annotated[Path | None, typer.Option("--json", metavar="FILE", help=
 CsvOption = Annotated[Path | None, typer.Option("--csv", metavar="FILE", help="write a table of all outputs; - is standard output")]
 ConnectOption = Annotated[
     list[str] | None, typer.Option("--connect", metavar="ENDPOINT", help="Zenoh endpoint to connect to, such as tcp/127.0.0.1:7447")
+]
+CellOption = Annotated[str, typer.Option("--cell", metavar="NAME", help="name of the cell")]
+
+ZenohConfigOption = Annotated[
+    Path | None,
+    typer.Option("--zenoh-config", metavar="FILE.json5", help="Zenoh configuration, such as TLS; see `deltaph zenoh-config`"),
 ]
 
 
@@ -82,6 +93,23 @@ def header() -> None:
     from deltaph.telemetry.c_header import c_header
 
     typer.echo(c_header(), nl=False)
+
+
+@app.command("zenoh-config")
+def zenoh_config(
+    whose: Annotated[str, typer.Argument(metavar="cell|client", help="for `deltaph run`, or for those who follow and command")],
+) -> None:
+    """Print a commented Zenoh configuration to start from: mutual TLS, and who may read and who may command.
+
+    Options of the command line, --connect and --listen, go before what the file says, and the file before deltaph's defaults.
+
+    Example: deltaph zenoh-config cell > cell.json5
+    """
+    from deltaph.telemetry.session import CONFIGURATIONS
+
+    if whose not in CONFIGURATIONS:
+        raise DeltaphError(f"there is no configuration for {whose!r}: choose {' or '.join(CONFIGURATIONS)}")
+    typer.echo(CONFIGURATIONS[whose].read_text(encoding="utf-8"), nl=False)
 
 
 @app.command()
@@ -191,16 +219,39 @@ def run(
     wait_subscribers: Annotated[
         int, typer.Option("--wait-subscribers", metavar="N", help="wait up to 60 s until N Zenoh subscribers are there", min=0)
     ] = 0,
+    zenoh_config: ZenohConfigOption = None,
+    cell: Annotated[str | None, typer.Option("--cell", metavar="NAME", help="name of the cell, instead of the scenario's")] = None,
+    serve: Annotated[
+        bool,
+        typer.Option(
+            "--serve", help="rest at the scenario's pick point and wait for `deltaph command`, in real time, until Ctrl-C"
+        ),
+    ] = False,
 ) -> None:
     """The main job: co-simulate planner and plant, publish, record, report, and check the scenario's expectations.
 
+    With --serve the scenario's task is not run: it says where the robot rests, and what a command leaves out. Who can reach the
+    cell's endpoint can command it: by default only this machine. Without --serve a cell takes no commands.
+
     Example: deltaph run scenarios/paper.toml --record paper.rrd && deltaph view paper.rrd
+
+    Example: deltaph run scenarios/paper.toml --serve   (then, elsewhere: deltaph command ppo --place 100,0,-800)
     """
     from deltaph.pacing import Undisturbed
     from deltaph.run import Options, run_scenario
 
-    if not telemetry and (connect or listen or wait_subscribers):
-        raise DeltaphError("--connect, --listen and --wait-subscribers need telemetry: leave out --no-telemetry")
+    if serve:
+        if not telemetry:
+            raise DeltaphError("--serve takes its commands over Zenoh: leave out --no-telemetry")
+        if cycles is not None:
+            raise DeltaphError("--serve does what it is told, --cycles what the scenario says: choose one")
+        if csv is not None:
+            raise DeltaphError("--serve has no end to write a table at: use --record, and `deltaph export` afterwards")
+        realtime = True
+    if not telemetry and (connect or listen or wait_subscribers or zenoh_config or cell):
+        raise DeltaphError(
+            "--connect, --listen, --wait-subscribers, --zenoh-config, --cell need telemetry: leave out --no-telemetry"
+        )
     if not realtime and (priority or cpu is not None):
         raise DeltaphError("--realtime-priority and --cpu are for the real-time loop: add --realtime")
     check_writable(record, json_file, csv)
@@ -212,7 +263,17 @@ def run(
         connect=tuple(connect or ()),
         listen=tuple(listen or ()),
         wait_subscribers=wait_subscribers,
+        zenoh_config=zenoh_config,
+        cell=cell,
     )
+    if serve:
+        from deltaph.serve import serve_scenario
+
+        facts = serve_scenario(scenario, options, _tables(json_file), Console(stderr=True))
+        _write_json(json_file, facts)
+        if facts["executed"]["trip_time_s"] is not None:
+            raise typer.Exit(1)
+        return
     result = run_scenario(scenario, options, _tables(csv, json_file), Console(stderr=True))
     if csv is not None:
         from deltaph.outputs import frame_columns, write_csv
@@ -227,7 +288,8 @@ def run(
 def record(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE.rrd", help="recording to write")],
     connect: ConnectOption = None,
-    cell: Annotated[str, typer.Option("--cell", metavar="NAME", help="name of the cell")] = "cell1",
+    cell: CellOption = "cell1",
+    zenoh_config: ZenohConfigOption = None,
 ) -> None:
     """Record a running cell from another process: waits for it, subscribes over Zenoh, ends when the cell goes or on Ctrl-C.
 
@@ -236,7 +298,138 @@ def record(
     from deltaph.record import record_cell
 
     check_writable(output)
-    record_cell(cell, tuple(connect or ("tcp/127.0.0.1:7447",)), output, Console(stderr=True))
+    record_cell(cell, tuple(connect or ()), output, Console(stderr=True), zenoh_config)
+
+
+command_app = typer.Typer(
+    help="Tell a cell that serves what to do, and wait for its answer; see `deltaph run --serve`.",
+    epilog="Exit codes: 0 accepted, 2 no cell, busy, stopped, tripped or not understood, 3 the task cannot be planned.",
+    no_args_is_help=True,
+)
+app.add_typer(command_app, name="command")
+
+
+def _send(
+    send: Callable[[CommandClient], Reply],
+    connect: list[str] | None,
+    cell: str,
+    zenoh_config: Path | None,
+    json_file: Path | None = None,
+) -> None:
+    """Send a command, and say what became of it; a refusal is an error."""
+    from deltaph.telemetry import CommandClient
+    from deltaph.telemetry.commands import sentence
+
+    check_writable(json_file)
+    try:
+        with CommandClient(cell, tuple(connect or ()), CONNECT_TIMEOUT, zenoh_config) as client:
+            reply = send(client)
+    except ValueError as error:
+        raise DeltaphError(str(error)) from error
+    _write_json(json_file, reply.model_dump())
+    if not reply.accepted:
+        reason = reply.reason or reply.outcome
+        if reply.outcome == "infeasible" and reply.refused is not None:
+            facts = reply.refused
+            raise InfeasibleError(
+                reason,
+                status=facts.status,
+                required=facts.required,
+                available=facts.available,
+                phase=facts.phase,
+                joint=facts.joint,
+            )
+        raise DeltaphError(reason)
+    if json_file != STDOUT:
+        typer.echo(sentence(reply))
+
+
+CONNECT_TIMEOUT = 5.0
+"""Who commands does not wait for a cell to come [s]."""
+
+
+def _millimetres(option: str, text: str | None, counts: tuple[int, ...]) -> tuple[float, ...] | None:
+    """Lengths in millimetres, separated by commas, in metres."""
+    if text is None:
+        return None
+    try:
+        values = tuple(float(part) / 1000.0 for part in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) not in counts or not all(map(math.isfinite, values)):
+        raise DeltaphError(f"{option} is {text!r}: give {' or '.join(map(str, counts))} lengths in mm, separated by commas")
+    return values
+
+
+@command_app.command("ppo")
+def command_ppo(
+    place: Annotated[str, typer.Option("--place", metavar="X,Y,Z", help="place point [mm]")],
+    pick: Annotated[
+        str | None, typer.Option("--pick", metavar="X,Y,Z", help="pick point [mm]; without it: where the robot rests")
+    ] = None,
+    lift: Annotated[str | None, typer.Option("--lift", metavar="H[,H]", help="lift height [mm]; pick side, place side")] = None,
+    corner_deviation: Annotated[
+        str | None, typer.Option("--corner-deviation", metavar="D[,D]", help="prescribed corner deviation [mm]")
+    ] = None,
+    payload: Annotated[float | None, typer.Option("--payload", metavar="M", help="mass that is carried [kg]", min=0.0)] = None,
+    dwell: Annotated[float | None, typer.Option("--dwell", metavar="T", help="rest before the motion [ms]", min=0.0)] = None,
+    json_file: JsonOption = None,
+    connect: ConnectOption = None,
+    cell: CellOption = "cell1",
+    zenoh_config: ZenohConfigOption = None,
+) -> None:
+    """Plan a pick-and-place operation and run it; what is left out is the scenario's. One may wait while another runs.
+
+    Example: deltaph command ppo --place 100,0,-800 --lift 50 --corner-deviation 6
+    """
+    from deltaph.telemetry import PpoRequest
+
+    def either(option: str, text: str | None) -> Any:
+        values = _millimetres(option, text, (1, 2))
+        return values[0] if values is not None and len(values) == 1 else values
+
+    given = {
+        "place": _millimetres("--place", place, (3,)),
+        "pick": _millimetres("--pick", pick, (3,)),
+        "lift": either("--lift", lift),
+        "corner_deviation": either("--corner-deviation", corner_deviation),
+        "payload": payload,
+        "dwell": None if dwell is None else dwell / 1000.0,
+    }
+    request = PpoRequest(**{name: value for name, value in given.items() if value is not None})
+    _send(lambda client: client.ppo(request), connect, cell, zenoh_config, json_file)
+
+
+@command_app.command("hold")
+def command_hold(connect: ConnectOption = None, cell: CellOption = "cell1", zenoh_config: ZenohConfigOption = None) -> None:
+    """Stop on the path, with bounded jerk. What is accepted waits for `resume`."""
+    _send(lambda client: client.hold(), connect, cell, zenoh_config)
+
+
+@command_app.command("resume")
+def command_resume(connect: ConnectOption = None, cell: CellOption = "cell1", zenoh_config: ZenohConfigOption = None) -> None:
+    """Go on after hold or stop, at the feed that was set last."""
+    _send(lambda client: client.resume(), connect, cell, zenoh_config)
+
+
+@command_app.command("stop")
+def command_stop(connect: ConnectOption = None, cell: CellOption = "cell1", zenoh_config: ZenohConfigOption = None) -> None:
+    """As hold, and every ppo is refused until `resume`. What was accepted before goes on then."""
+    _send(lambda client: client.stop(), connect, cell, zenoh_config)
+
+
+@command_app.command("feed")
+def command_feed(
+    value: Annotated[float, typer.Argument(metavar="VALUE", help="0 to 1; 1 as planned", min=0.0, max=1.0)],
+    connect: ConnectOption = None,
+    cell: CellOption = "cell1",
+    zenoh_config: ZenohConfigOption = None,
+) -> None:
+    """Slow the motion down on its path; under a hold it waits for `resume`.
+
+    Example: deltaph command feed 0.5
+    """
+    _send(lambda client: client.feed(value), connect, cell, zenoh_config)
 
 
 @app.command()
@@ -244,13 +437,14 @@ def view(
     file: Annotated[Path | None, typer.Argument(metavar="[FILE.rrd]", help="recording to open", show_default=False)] = None,
     live: Annotated[bool, typer.Option("--live", help="show a running cell instead: the same, while it happens")] = False,
     connect: ConnectOption = None,
-    cell: Annotated[str, typer.Option("--cell", metavar="NAME", help="name of the cell")] = "cell1",
+    cell: CellOption = "cell1",
     url: Annotated[
         str | None,
         typer.Option(
             "--url", metavar="URL", help="a viewer that runs, rerun+http://127.0.0.1:9876/proxy for one; without it: a new one"
         ),
     ] = None,
+    zenoh_config: ZenohConfigOption = None,
 ) -> None:
     """Open a recording in the Rerun viewer, or show a running cell. The viewer of a cell stays when the cell goes.
 
@@ -264,10 +458,12 @@ def view(
     if (file is not None) == live:
         raise DeltaphError("give either a recording, FILE.rrd, or --live")
     if file is not None:
-        if connect or url:
-            raise DeltaphError("--connect and --url are for a running cell: add --live, and leave out the recording")
+        if connect or url or zenoh_config:
+            raise DeltaphError(
+                "--connect, --zenoh-config and --url are for a running cell: add --live, and leave out the recording"
+            )
         raise typer.Exit(view_file(file, Console(stderr=True)))
-    view_cell(cell, tuple(connect or ("tcp/127.0.0.1:7447",)), url, Console(stderr=True))
+    view_cell(cell, tuple(connect or ()), url, Console(stderr=True), zenoh_config)
 
 
 @app.command()
@@ -329,23 +525,30 @@ def paper(
 
     Example: deltaph paper -o paper.rrd && deltaph view paper.rrd
     """
-    from deltaph.paper import print_claims, section_4
+    from deltaph.claims import print_claims
+    from deltaph.paper import section_4
 
     check_writable(output, json_file)
     with Console(stderr=True).status("planning and co-simulating both methods"):
         facts = section_4(output)
     _write_json(json_file, facts)
-    print_claims(_tables(json_file), facts["claims"])
+    print_claims(_tables(json_file), facts["claims"], "The paper's section 4")
     Console(stderr=True).print(f"wrote {output}: open it with `deltaph view {output}`", style="dim", soft_wrap=True)
 
 
 @app.command()
 def bench() -> None:
-    """The benchmarks of the README: planning, stepping, co-simulating the paper's case, and the peers that are installed."""
+    """The benchmarks of the README: planning, stepping, co-simulating the paper's case, peers, the paper's claims on its cost."""
+    from dataclasses import asdict
+
     from deltaph.bench import run_benchmarks
+    from deltaph.claims import print_claims
+    from deltaph.cost import cost_claims
     from deltaph.scenario import parse_scenario, template
 
-    run_benchmarks(parse_scenario(template(), Path("paper.toml")), Console(highlight=False))
+    console, scenario = Console(highlight=False), parse_scenario(template(), Path("paper.toml"))
+    run_benchmarks(scenario, console)
+    print_claims(console, [asdict(claim) for claim in cost_claims(scenario)], "What the paper says of its cost")
 
 
 @app.command()

@@ -26,12 +26,18 @@ class InfeasibleError(DeltaphError):
         status: the kernel's reason, an item of PlanStatus.
         required: what the task needs, in the SI unit of the refused quantity.
         available: what there is, in the same unit.
+        phase: where on the path, an item of Phase; `idle` where no phase is meant.
+        joint: 1 to 3; 0 where none is meant.
     """
 
     exit_code = 3
 
-    def __init__(self, sentence: str, *, status: str, required: float, available: float) -> None:
+    def __init__(
+        self, sentence: str, *, status: str, required: float, available: float, phase: str = "idle", joint: int = 0
+    ) -> None:
         super().__init__(sentence)
         self.status = status
         self.required = required
         self.available = available
+        self.phase = phase
+        self.joint = joint

@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol, overload
+from typing import Literal, NamedTuple, Protocol, get_args, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deltaph.variables import Model, variable_table
+
+Command = Literal["none", "ppo", "hold", "resume", "stop", "feed"]
+Outcome = Literal["none", "accepted", "infeasible", "busy", "stopped", "tripped", "invalid", "failed"]
+
+COMMANDS: tuple[Command, ...] = get_args(Command)
+"""What a cell that serves can be told; numbered from 0 in this order, only ever appended to. `none` is a query to no command."""
+
+OUTCOMES: tuple[Outcome, ...] = get_args(Outcome)
+"""What became of a command; numbered from 0 in this order, only ever appended to."""
+
+NO_COMMANDS = np.zeros((len(COMMANDS), len(OUTCOMES)), dtype=np.int32)
+NO_COMMANDS.setflags(write=False)
 
 
 class Frame(NamedTuple):
@@ -23,6 +35,7 @@ class Frame(NamedTuple):
         plant_floats: Float64 outputs of the plant in table order, SI (n,).
         plant_integers: all other outputs of the plant in table order (m,).
         timing: in the order of TIMING (k,).
+        commands: how many commands so far had which outcome (COMMANDS, OUTCOMES); the same array as long as no more come.
     """
 
     step: int
@@ -33,6 +46,7 @@ class Frame(NamedTuple):
     plant_floats: NDArray[np.float64]
     plant_integers: NDArray[np.int32]
     timing: NDArray[np.float64]
+    commands: NDArray[np.int32] = NO_COMMANDS
 
 
 TIMING: tuple[tuple[str, str, str], ...] = (
@@ -83,14 +97,31 @@ class ListSink:
 _MODELS: tuple[Model, ...] = ("planner", "plant")
 
 
+class FrameStore(Protocol):
+    """Where the importer keeps frames."""
+
+    def append(
+        self,
+        time: float,
+        unix_time_ns: int,
+        planner: tuple[NDArray[np.float64], NDArray[np.int32]],
+        plant: tuple[NDArray[np.float64], NDArray[np.int32]],
+        timing: Sequence[float],
+    ) -> Frame:
+        """Copy the outputs of both FMUs, Float64 and others, into the next row; returns the frame that shows it."""
+        ...
+
+
 class Frames(Sequence[Frame]):
     """The frames of a run, in memory that is allocated and touched before the first step: some 1.2 KB each.
 
     Args:
         count: frames that fit.
+        first: step of the first one.
     """
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, first: int = 0) -> None:
+        self._first = first
         self._arrays: dict[str, NDArray[np.float64] | NDArray[np.int32]] = {"timing": np.empty((count, len(TIMING)))}
         for model in _MODELS:
             outputs = variable_table(model).of("output")
@@ -127,6 +158,8 @@ class Frames(Sequence[Frame]):
         """One field of all frames (frames, ...), not copied."""
         if what == "time":
             return self._time[: self._length]
+        if what == "commands":
+            return np.broadcast_to(NO_COMMANDS, (self._length, *NO_COMMANDS.shape))
         return self._views[what][: self._length]  # type: ignore[return-value]
 
     def __len__(self) -> int:
@@ -145,7 +178,33 @@ class Frames(Sequence[Frame]):
 
     def _frame(self, n: int) -> Frame:
         views = {name: view[n] for name, view in self._views.items()}
-        return Frame(n, float(self._time[n]), int(self._unix_time_ns[n]), **views)
+        return Frame(self._first + n, float(self._time[n]), int(self._unix_time_ns[n]), **views)
+
+
+BLOCK_FRAMES = 256
+"""A block is some 0.3 MB, which takes the step loop some 0.1 ms to allocate and touch."""
+
+
+class RecentFrames:
+    """The frames of a run without an end, in blocks that are freed when the last frame of theirs is: sinks decide what is kept."""
+
+    def __init__(self) -> None:
+        self._block = Frames(BLOCK_FRAMES)
+        self._next = 0
+
+    def append(
+        self,
+        time: float,
+        unix_time_ns: int,
+        planner: tuple[NDArray[np.float64], NDArray[np.int32]],
+        plant: tuple[NDArray[np.float64], NDArray[np.int32]],
+        timing: Sequence[float],
+    ) -> Frame:
+        """Copy the outputs of both FMUs, Float64 and others, into the next row; returns the frame that shows it."""
+        if len(self._block) == BLOCK_FRAMES:
+            self._block = Frames(BLOCK_FRAMES, self._next)
+        self._next += 1
+        return self._block.append(time, unix_time_ns, planner, plant, timing)
 
 
 def columns(frames: Sequence[Frame], what: str) -> NDArray[np.float64]:

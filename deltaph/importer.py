@@ -11,14 +11,17 @@ import math
 import tempfile
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import count, takewhile
 from pathlib import Path
+from types import MappingProxyType
+from typing import Protocol
 
 import numpy as np
 
 from deltaph.errors import DeltaphError
 from deltaph.fmu.terminals import JOINTS, MEMBERS
-from deltaph.frame import Frame, Frames
+from deltaph.frame import Frame, Frames, FrameStore
 from deltaph.pacing import Account, Pacer, Undisturbed, undisturbed
 from deltaph.scenario import Fault, Limits, Move, Scenario, Task
 from deltaph.schedule import Schedule
@@ -116,16 +119,17 @@ class _Requests:
         self._count, self._refused, self._status = (others.index(f"plan.{name}") for name in ("count", "refused", "status"))
 
     def post(self, step: int) -> None:
+        """Set the inputs of this communication point, whose outputs are there.
+
+        Raises:
+            DeltaphError: the operation that begins now is not planned: the run is not the one that was scheduled.
+        """
+        self._check(step)
         values = self._pending.pop(step, None)
         if values is not None:
             self._planner.set(values)
 
-    def check(self, step: int) -> None:
-        """Whether the operation that begins now is planned.
-
-        Raises:
-            DeltaphError: it is not: the run is not the one that was scheduled.
-        """
+    def _check(self, step: int) -> None:
         if self._begun == len(self._begins) or step < self._begins[self._begun][0]:
             return
         move, integers = self._begins[self._begun][1], self._planner.integers
@@ -190,16 +194,71 @@ def cosimulate(
         if realtime is not None:
             pacer = Pacer(run.communication_step_ms * 1_000_000)
             stack.enter_context(undisturbed(realtime))
-        yield from _loop(planner, plant, link, requests, faults, run.steps, size, frames, pacer, dropped)
+        yield from _loop(planner, plant, link, requests, faults, range(run.steps + 1), size, frames, pacer, dropped)
+
+
+class Operator(Protocol):
+    """Who says what a cell does that has no schedule."""
+
+    @property
+    def ended(self) -> bool:
+        """No further step is wanted."""
+        ...
+
+    def attach(self, planner: Slave, plant: Slave) -> None:
+        """Both FMUs are there, in their initial state."""
+        ...
+
+    def post(self, step: int) -> None:
+        """Outputs are those of this communication point, and inputs may be set. In the step loop: must not block."""
+        ...
+
+
+def attend(
+    scenario: Scenario,
+    fmus: Mapping[Model, Path],
+    operator: Operator,
+    *,
+    realtime: Undisturbed,
+    dropped: Callable[[], int],
+    frames: FrameStore,
+) -> Iterator[Frame]:
+    """Co-simulate in real time, without a schedule: the robot rests at the scenario's pick point until it is told to move.
+
+    Args:
+        scenario: robot, law, drives, faults, and where the robot rests.
+        fmus: the FMI 3.0 FMUs.
+        operator: says what to do.
+        realtime: what is asked of the system.
+        dropped: frames that the sinks did not get so far; goes into the timing.
+        frames: where the frames are kept.
+
+    Raises:
+        DeltaphError: an FMU refuses its parameters, or the system what is asked of it.
+    """
+    size = scenario.communication_step_ms / 1000.0
+    with tempfile.TemporaryDirectory(prefix="deltaph-") as directory, contextlib.ExitStack() as stack:
+        _warm_up(scenario, fmus, Path(directory) / "warm-up", size)
+        planner, plant, link = _cell(scenario, fmus, Path(directory), stack, {"task.trigger": 0})
+        operator.attach(planner, plant)
+        faults = _Faults(plant, scenario.faults, scenario.communication_step_ms)
+        pacer = Pacer(scenario.communication_step_ms * 1_000_000)
+        stack.enter_context(undisturbed(realtime))
+        points = takewhile(lambda _: not operator.ended, count())
+        yield from _loop(planner, plant, link, operator, faults, points, size, frames, pacer, dropped)
 
 
 def _cell(
-    scenario: Scenario, fmus: Mapping[Model, Path], directory: Path, stack: contextlib.ExitStack
+    scenario: Scenario,
+    fmus: Mapping[Model, Path],
+    directory: Path,
+    stack: contextlib.ExitStack,
+    start: Mapping[str, float] = MappingProxyType({}),
 ) -> tuple[Slave, Slave, _Link]:
-    """Both FMUs in their initial state, and what links them."""
+    """Both FMUs in their initial state, the planner with start values of its own, and what links them."""
     planner = stack.enter_context(Slave("planner", fmus["planner"], directory))
     plant = stack.enter_context(Slave("plant", fmus["plant"], directory))
-    planner.set(planner_values(scenario))
+    planner.set({**planner_values(scenario), **start})
     plant.set(plant_values(scenario))
     link = _Link(planner, plant)
     planner.initialize(0.0)
@@ -236,11 +295,11 @@ def _loop(
     planner: Slave,
     plant: Slave,
     link: _Link,
-    requests: _Requests,
+    requests: _Requests | Operator,
     faults: _Faults,
-    steps: int,
+    points: Iterable[int],
     size: float,
-    frames: Frames,
+    frames: FrameStore,
     pacer: Pacer | None,
     dropped: Callable[[], int],
 ) -> Iterator[Frame]:
@@ -251,7 +310,7 @@ def _loop(
     begin = clock()
     if pacer is not None:
         pacer.begin()
-    for n in range(steps + 1):
+    for n in points:
         if n > 0:
             t = (n - 1) * size
             requests.post(n - 1)
@@ -266,7 +325,6 @@ def _loop(
             planner_step, plant_step = t1 - t0, t2 - t1
             planner.read()
             plant.read()
-            requests.check(n)
             if pacer is not None:
                 lateness = pacer.wait(planner_step, plant_step, publish)
         elapsed = clock() - begin

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ ffi.cdef(_declarations())
 lib: Any = ffi.dlopen(str(_library()))
 
 
+@cache
 def enumeration(name: str) -> tuple[str, ...]:
     """The items of a kernel enumeration in order, without their common prefix, in lower case; `name` such as `dph_phase`."""
     prefix = f"{name.upper()}_"
@@ -45,3 +47,9 @@ def sentence(verdict: Any) -> str:
     text = ffi.new("char[256]")
     lib.dph_verdict_text(ffi.addressof(verdict), text, 256)
     return str(ffi.string(text).decode())
+
+
+def status_sentence(status: str, required: float, available: float) -> str:
+    """The sentence for a status that belongs to no place on the path, such as `busy`."""
+    number = enumeration("dph_status").index(status)
+    return sentence(ffi.new("dph_verdict *", {"status": number, "required": required, "available": available})[0])

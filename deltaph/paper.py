@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
 
-from deltaph.bench import PAPER_US, Contender, in_turns
+from deltaph.claims import Claim
+from deltaph.cost import cost_claims
 from deltaph.execution import Execution, Trace, evaluate
 from deltaph.files import replace as replace_file
 from deltaph.fmu import cached_fmus
@@ -32,16 +31,6 @@ SIMILAR = 0.1
 
 WELL = 0.02
 """How far executed joint speeds may be from planned ones to match well, in parts of their peak."""
-
-
-@dataclass(frozen=True, slots=True)
-class Claim:
-    """What the paper says, what is found, and what to make of it."""
-
-    claim: str
-    paper: str
-    measured: str
-    verdict: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,18 +97,6 @@ def _read_literally(plan: Plan) -> float:
     return float(np.linalg.norm(from_pick - plan.vertices[0], axis=1).min())
 
 
-def _planning_us(scenario: Scenario) -> float:
-    """Median time of a plan with all its setpoints [us]."""
-    grid = Plan.of(scenario).grid()
-
-    def work() -> float:
-        plan = Plan.of(scenario)
-        plan.sample(grid)
-        return plan.duration
-
-    return in_turns([Contender("plan and setpoints", work)])[0].median_us
-
-
 def _claims(proposed: _Done, comparison: _Done, equal: _Done) -> list[Claim]:
     p, c, e = proposed.plan, comparison.plan, equal.plan
     rotated = [
@@ -137,7 +114,6 @@ def _claims(proposed: _Done, comparison: _Done, equal: _Done) -> list[Claim]:
     )
     apart = [d.trace["plant", "joint_velocity"] - d.trace["planner", "joint_velocity"] for d in (proposed, comparison)]
     speed_error = max(float(np.abs(difference).max()) for difference in apart)
-    planning = _planning_us(proposed.scenario)
 
     def more(values: list[float], other: int) -> str:
         return f"{100.0 * (values[0] / values[other] - 1.0):+.0f} %"
@@ -190,12 +166,7 @@ def _claims(proposed: _Done, comparison: _Done, equal: _Done) -> list[Claim]:
             _word(speed_error < WELL * max(max(d.plan.peaks.joint_velocity) for d in (proposed, comparison)))
             + f" for the modelled plant with tuned gains (well: within {100.0 * WELL:g} % of the peak)",
         ),
-        Claim(
-            "time to plan one PPO",
-            f"{PAPER_US / 1000.0:g} ms (positions, 2.13 GHz)",
-            f"{planning / 1000.0:.3f} ms, median, with joints and torques, on this machine",
-            "holds: real time" if planning < 1000.0 else "slower than one communication step",
-        ),
+        *cost_claims(proposed.scenario),
     ]
 
 
@@ -238,11 +209,3 @@ def _markdown(claims: list[Claim]) -> str:
         lines += ["", f"### {c.claim}: the paper says {c.paper}", f"Measured: {c.measured}.", "", f"**{c.verdict}**"]
     lines += ["", "The paper gives no robot dimensions: joint figures are for the default robot, to be compared in shape only."]
     return "\n".join(lines) + "\n"
-
-
-def print_claims(console: Console, claims: list[dict[str, str]]) -> None:
-    """The claims as a table."""
-    table = Table("claim", "the paper", "measured", "verdict", title="The paper's section 4", show_lines=True)
-    for claim in claims:
-        table.add_row(*claim.values())
-    console.print(table)

@@ -13,17 +13,20 @@ from deltaph.errors import DeltaphError
 from deltaph.scenario import scenario_from_json
 from deltaph.scene import corner_marks, scene_of
 from deltaph.telemetry import CellKeys, Destination, Recorder, Subscriber
-from deltaph.verdict import summary_markdown
+from deltaph.verdict import serving_markdown, summary_markdown
 
 
-def follow_cell(cell: str, connect: Sequence[str], destination: Path | Destination, log: Console) -> str:
+def follow_cell(
+    cell: str, connect: Sequence[str], destination: Path | Destination, log: Console, zenoh_config: Path | None = None
+) -> str:
     """Wait for a cell and follow it until it goes or Ctrl-C.
 
     Args:
         cell: name of the cell.
-        connect: endpoints to connect to; the first that answers is taken.
+        connect: endpoints to connect to; the first that answers is taken; without any as `Subscriber` has it.
         destination: file to write, or another place.
         log: for what happens meanwhile.
+        zenoh_config: a Zenoh configuration file.
 
     Returns:
         what came and what was lost on the way, in words.
@@ -36,8 +39,9 @@ def follow_cell(cell: str, connect: Sequence[str], destination: Path | Destinati
     except ValueError as error:
         raise DeltaphError(str(error)) from error
     with ExitStack() as stack:
-        with log.status(f"waiting for cell {cell} on {' or '.join(connect)}"):
-            subscriber = stack.enter_context(Subscriber(cell, connect))
+        where = f" on {' or '.join(connect)}" if connect else ""
+        with log.status(f"waiting for cell {cell}{where}"):
+            subscriber = stack.enter_context(Subscriber(cell, connect, config=zenoh_config))
             subscriber.wait_for_cell()
             scenario = scenario_from_json(json.dumps(subscriber.ask("scenario")))
         scene = scene_of(scenario)
@@ -51,15 +55,19 @@ def follow_cell(cell: str, connect: Sequence[str], destination: Path | Destinati
             log.print("interrupted: the recording ends here", style="dim", soft_wrap=True)
         if subscriber.summary is not None:
             facts = subscriber.summary
-            recorder.summary(summary_markdown(scenario, facts), json.dumps(facts), corner_marks(facts, scene))
-    return f"{subscriber.received['actual']} frames, {sum(subscriber.missing.values()) or 'no'} messages lost"
+            if "commands" in facts:  # of a cell that served
+                recorder.summary(serving_markdown(scenario, facts), json.dumps(facts))
+            else:
+                recorder.summary(summary_markdown(scenario, facts), json.dumps(facts), corner_marks(facts, scene))
+    found = f"{subscriber.received['actual']} frames, {sum(subscriber.missing.values()) or 'no'} messages lost"
+    return found if subscriber.summary is not None else f"{found}, without the cell's end"
 
 
-def record_cell(cell: str, connect: Sequence[str], output: Path, log: Console) -> None:
+def record_cell(cell: str, connect: Sequence[str], output: Path, log: Console, zenoh_config: Path | None = None) -> None:
     """Record a cell into a file.
 
     Raises:
         DeltaphError: as `follow_cell`.
     """
-    found = follow_cell(cell, connect, output, log)
+    found = follow_cell(cell, connect, output, log, zenoh_config)
     log.print(f"recorded {output}: {found}; open it with `deltaph view {output}`", style="dim", soft_wrap=True)

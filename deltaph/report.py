@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -375,3 +376,46 @@ def print_checks(console: Console, checks: Sequence[Check]) -> None:
     for check in checks:
         table.add_row(check.name, found_text(check.value), check.limit, _mark(check.ok))
     console.print(table)
+
+
+def within(bins: Mapping[str, Any], share: float) -> str:
+    """The bound of the histogram bin below which this share of the values lies, in words."""
+    counts = np.cumsum(bins["count"])
+    bound = int(np.searchsorted(counts, share * counts[-1]))
+    return f"{100.0 * share:g} % within {bins['up_to'][bound]} us" if bound < len(bins["up_to"]) else "later"
+
+
+def print_serving(console: Console, scenario: Scenario, facts: Mapping[str, Any]) -> None:
+    """The summary of a cell that served."""
+    console.print(scenario.title, style="bold", markup=False, soft_wrap=True)
+    table = Table.grid(padding=(0, 2))
+    plans, timing, executed = facts["plans"], facts["timing"], facts["executed"]
+    table.add_row("steps", f"{facts['steps']}, {facts['steps'] * facts['communication_step_s']:.3f} s")
+    told = [f"{command} {_outcomes(outcomes)}" for command, outcomes in facts["commands"].items() if outcomes]
+    table.add_row("commands", "; ".join(told) or "none")
+    table.add_row("plans", f"{plans['accepted']} accepted, {plans['refused']} refused, {plans['arrived']} arrived")
+    table.add_row("corners kept in the machine", f"{plans['corners_kept']} of {plans['corners']}")
+    if plans["worst"]:
+        table.add_row("worst corner", worst_corner(plans["worst"]))
+    table.add_row("tracking error of the tool, largest", f"{1e3 * executed['tracking_error_tcp_max_m']:.4f} mm")
+    if executed["trip_time_s"] is not None:
+        axis = f" of axis {executed['trip_axis']}" if executed["trip_axis"] else ""
+        table.add_row("[bold red]trip[/]", f"{executed['trip']}{axis} at {executed['trip_time_s']:.3f} s")
+    table.add_row("step of both FMUs", f"{within(timing['step_histogram_us'], 0.99)}, largest {timing['step_max_us']:.0f} us")
+    table.add_row("lateness", f"{within(timing['lateness_histogram_us'], 0.99)}, largest {timing['lateness_max_us']:.0f} us")
+    causes = ", ".join(f"{cause} {count}" for cause, count in timing["missed_by"].items() if count)
+    slipped = f"; {timing['slipped_steps']} steps slipped" if timing["slipped_steps"] else ""
+    table.add_row("missed deadlines", f"{timing['missed_deadlines']}{': ' + causes if causes else ''}{slipped}")
+    console.print(table)
+
+
+def _outcomes(outcomes: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} {outcome}" for outcome, count in outcomes.items())
+
+
+def worst_corner(worst: Mapping[str, Any]) -> str:
+    """The corner that exceeds what is prescribed most, in words."""
+    return (
+        f"{('pick', 'place')[worst['side']]} side of plan {worst['plan']}: {1e3 * worst['executed_m']:.4f} mm executed, "
+        f"{1e3 * worst['planned_m']:.4f} planned, {1e3 * worst['prescribed_m']:g} prescribed"
+    )

@@ -29,6 +29,8 @@ def raise_refusal(verdict: Any) -> None:
             status=enumeration("dph_status")[verdict.status],
             required=verdict.required,
             available=verdict.available,
+            phase=enumeration("dph_phase")[verdict.phase],
+            joint=verdict.joint,
         )
 
 

@@ -5,25 +5,29 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import Progress
 
 from deltaph.checks import evaluate_expectations, executed_values, planned_values
+from deltaph.errors import DeltaphError
 from deltaph.execution import Trace, evaluate
 from deltaph.fmu import cached_fmus
 from deltaph.frame import Frame, Frames
 from deltaph.importer import cosimulate
 from deltaph.pacing import Undisturbed
 from deltaph.report import executed_facts, operation_facts, plan_facts, print_run, sequence_facts, timing_facts
-from deltaph.scenario import load_scenario
+from deltaph.scenario import Scenario, load_scenario
 from deltaph.scene import corner_marks, scene_of
 from deltaph.schedule import Schedule, schedule
-from deltaph.telemetry import BackgroundSink, Publisher
+from deltaph.telemetry import BackgroundSink, CellKeys, Publisher
 from deltaph.verdict import provenance_facts, summary_markdown
+
+if TYPE_CHECKING:
+    from deltaph.telemetry import Recorder
 
 PROGRESS_STEPS = 100
 """Steps between two updates of the progress bar."""
@@ -46,6 +50,8 @@ class Options:
     connect: tuple[str, ...] = ()
     listen: tuple[str, ...] = ()
     wait_subscribers: int = 0
+    zenoh_config: Path | None = None
+    cell: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,31 +81,16 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
     Raises:
         DeltaphError: the scenario, the plan or the machine do not allow it; nothing is left half-written.
     """
-    scenario = load_scenario(path)
+    scenario = load_cell(path, options)
     run = schedule(scenario, options.cycles)
     run.require_within(scenario.limits)
     with log.status("building the FMUs"):
         fmus = cached_fmus()
 
     with ExitStack() as stack:
-        publisher = recorder = publishing = None
-        sinks: list[BackgroundSink] = []
-        if options.telemetry:
-            publisher = Publisher(scenario.cell, scenario.json, listen=options.listen, connect=options.connect)
-            sinks.append(publishing := BackgroundSink(publisher, QUEUE_FRAMES))
-            stack.callback(publishing.close)
-            log.print(f"cell {scenario.cell} on {', '.join(publisher.endpoints)}", style="dim", soft_wrap=True)
-            if options.wait_subscribers:
-                with log.status(f"waiting for {options.wait_subscribers} subscribers"):
-                    publisher.wait_for_subscribers(options.wait_subscribers, SUBSCRIBER_TIMEOUT)
-        if options.record is not None:
-            with log.status("opening the recording"):
-                from deltaph.telemetry import Recorder  # Rerun takes a second to import
-
-                scene = scene_of(scenario)
-                recorder = Recorder(options.record, scene)
-            sinks.append(recording := BackgroundSink(recorder, QUEUE_FRAMES))
-            stack.callback(recording.close)
+        publisher, publishing = open_publisher(scenario, options, log, stack) if options.telemetry else (None, None)
+        recorder, recording = open_recorder(scenario, options.record, log, stack) if options.record else (None, None)
+        sinks = [sink for sink in (publishing, recording) if sink is not None]
 
         frames = Frames(run.steps + 1)
         stepping = cosimulate(
@@ -136,12 +127,51 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
         if publisher is not None:
             publisher.set_summary(json.dumps(facts))
         if recorder is not None:
-            recorder.summary(summary_markdown(scenario, facts), json.dumps(facts), corner_marks(facts, scene))
+            recorder.summary(summary_markdown(scenario, facts), json.dumps(facts), corner_marks(facts, recorder.scene))
 
     print_run(console, scenario, run, facts, execution, trace, checks, realtime=options.realtime is not None)
     if options.record is not None:
         log.print(f"recorded {options.record}: open it with `deltaph view {options.record}`", style="dim", soft_wrap=True)
     return Result(frames, facts, all(check.ok for check in checks))
+
+
+def load_cell(path: Path, options: Options) -> Scenario:
+    """The scenario, under the name that the cell is to have.
+
+    Raises:
+        DeltaphError: the scenario or the name is none.
+    """
+    scenario = load_scenario(path)
+    if options.cell is None:
+        return scenario
+    try:
+        CellKeys(options.cell)
+    except ValueError as error:
+        raise DeltaphError(str(error)) from error
+    return replace(scenario, cell=options.cell)
+
+
+def open_publisher(scenario: Scenario, options: Options, log: Console, stack: ExitStack) -> tuple[Publisher, BackgroundSink]:
+    """The publisher of a cell, once its subscribers are there, and the sink that feeds it; `stack` closes both."""
+    publisher = Publisher(scenario.cell, scenario.json, listen=options.listen, connect=options.connect, config=options.zenoh_config)
+    sink = BackgroundSink(publisher, QUEUE_FRAMES)
+    stack.callback(sink.close)
+    log.print(f"cell {scenario.cell} on {', '.join(publisher.endpoints)}", style="dim", soft_wrap=True)
+    if options.wait_subscribers:
+        with log.status(f"waiting for {options.wait_subscribers} subscribers"):
+            publisher.wait_for_subscribers(options.wait_subscribers, SUBSCRIBER_TIMEOUT)
+    return publisher, sink
+
+
+def open_recorder(scenario: Scenario, path: Path, log: Console, stack: ExitStack) -> tuple[Recorder, BackgroundSink]:
+    """The recorder of a cell, and the sink that feeds it; `stack` closes both."""
+    with log.status("opening the recording"):
+        from deltaph.telemetry import Recorder  # Rerun takes a second to import
+
+        recorder = Recorder(path, scene_of(scenario))
+    sink = BackgroundSink(recorder, QUEUE_FRAMES)
+    stack.callback(sink.close)
+    return recorder, sink
 
 
 def _with_progress(frames: Iterator[Frame], run: Schedule, log: Console) -> Iterator[Frame]:

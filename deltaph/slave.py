@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from collections import deque
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
@@ -16,6 +17,8 @@ from numpy.typing import NDArray
 
 from deltaph.errors import DeltaphError
 from deltaph.variables import Model, Variable, variable_table
+
+_MESSAGES = 100  # a cell may run for months, and plan ten times a second
 
 _C_TYPES: dict[str, Any] = {"Float64": ctypes.c_double, "Int32": ctypes.c_int32, "Boolean": ctypes.c_bool, "Int64": ctypes.c_int64}
 
@@ -44,7 +47,7 @@ class Slave:
     """A slave from instantiation to its end; a context manager.
 
     Attributes:
-        messages: what the FMU logged.
+        messages: what the FMU logged last.
         outputs: Float64 outputs in table order, after `read` (n,).
         integers: all other outputs in table order, after `read` (m,).
         inputs: Float64 inputs in table order, sent by `write` (k,).
@@ -59,7 +62,7 @@ class Slave:
             directory: where to unzip it; must outlive the slave.
         """
         self.table = variable_table(model)
-        self.messages: list[str] = []
+        self.messages: deque[str] = deque(maxlen=_MESSAGES)
         unzipped = str(fmpy.extract(str(fmu), str(directory / model)))
         description = fmpy.read_model_description(unzipped)
         self._fmu: Any = FMU3Slave(
@@ -86,6 +89,7 @@ class Slave:
         self.integers = np.zeros(len(others), dtype=np.int32)
         self.inputs: NDArray[np.float64] = self._inputs.values
         self.inputs[:] = [v.start or 0.0 for v in inputs]
+        self._single: dict[str, _Block] = {}
 
         flags = [ctypes.c_bool() for _ in range(3)]
         self._after_step = (*(ctypes.byref(flag) for flag in flags), ctypes.byref(ctypes.c_double()))
@@ -111,8 +115,10 @@ class Slave:
             DeltaphError: the FMU refuses one; says what the FMU says.
         """
         for name, value in values.items():
-            variable = self.table[name]
-            block = self._block("Set", (variable,), _fmi_type(variable))
+            block = self._single.get(name)
+            if block is None:
+                variable = self.table[name]
+                block = self._single[name] = self._block("Set", (variable,), _fmi_type(variable))
             block.values[0] = value
             try:
                 block.move()

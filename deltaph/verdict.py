@@ -11,7 +11,7 @@ from typing import Any
 
 from deltaph.checks import deviation_tolerance
 from deltaph.fmu.sources import token
-from deltaph.report import WORST, corner_excess, found_text, payload_text, reductions, worst_corners
+from deltaph.report import WORST, corner_excess, found_text, payload_text, reductions, worst_corner, worst_corners
 from deltaph.scenario import Scenario
 from deltaph.variables import variable_table
 
@@ -92,6 +92,34 @@ def _pace(facts: Mapping[str, Any]) -> str:
     operations = len({corner["operation"] for corner in facts["executed"]["corners"]})
     times = f"{operations} operations of " if operations > 1 else ""
     return f"{times}{1e3 * plan['duration_s']:g} ms ({1e3 * plan['nominal_duration_s']:.3f} ms before alignment)"
+
+
+def serving_markdown(scenario: Scenario, facts: Mapping[str, Any]) -> str:
+    """The summary of a cell that served, as the text of a recording.
+
+    Args:
+        scenario: robot, law and drives.
+        facts: the JSON report.
+    """
+    plans, timing, executed = facts["plans"], facts["timing"], facts["executed"]
+    count, lost = plans["corners"], plans["corners"] - plans["corners_kept"]
+    verdict = f"Deviation NOT kept at {lost} of {count} corners" if lost else f"Deviation kept at all {count} corners"
+    lines = [f"# {verdict if count else 'No corner was passed'}", ""]
+    if executed["trip_time_s"] is not None:
+        axis = f" of axis {executed['trip_axis']}" if executed["trip_axis"] else ""
+        lines = [f"# TRIPPED at {executed['trip_time_s']:.3f} s: {executed['trip']}{axis}", "", *lines]
+    if plans["worst"]:
+        lines += [f"Worst: {worst_corner(plans['worst'])}.", ""]
+    lines += [
+        f"**{scenario.title}**: served for {facts['steps'] * facts['communication_step_s']:.3f} s, law `{scenario.law.name}`, "
+        f"{scenario.gains} gains. Plans: {plans['accepted']} accepted, {plans['refused']} refused, {plans['arrived']} arrived. "
+        f"Tracking error at most {1e3 * executed['tracking_error_tcp_max_m']:.3f} mm at the tool.",
+        "",
+        f"{timing['missed_deadlines']} deadlines missed, {facts['telemetry']['dropped']} messages dropped.",
+        "",
+        *_provenance(scenario, facts["provenance"]),
+    ]
+    return "\n".join(lines) + "\n"
 
 
 def _place(corner: Mapping[str, Any], facts: Mapping[str, Any]) -> str:

@@ -41,7 +41,7 @@ def view_file(file: Path, log: Console) -> int:
     return subprocess.run([rerun_binary(), str(file), "--bind", "127.0.0.1"], check=False).returncode
 
 
-def view_cell(cell: str, connect: Sequence[str], url: str | None, log: Console) -> None:
+def view_cell(cell: str, connect: Sequence[str], url: str | None, log: Console, zenoh_config: Path | None = None) -> None:
     """Show a cell while it runs, until it goes, the viewer is closed, or Ctrl-C. The viewer stays.
 
     Args:
@@ -49,6 +49,7 @@ def view_cell(cell: str, connect: Sequence[str], url: str | None, log: Console) 
         connect: endpoints to connect to; the first that answers is taken.
         url: of a viewer that runs; None starts one.
         log: for what happens meanwhile.
+        zenoh_config: a Zenoh configuration file.
 
     Raises:
         DeltaphError: there is no viewer, nothing answers, or the cell does not say what it runs.
@@ -62,7 +63,7 @@ def view_cell(cell: str, connect: Sequence[str], url: str | None, log: Console) 
         with log.status("starting the viewer"):
             url = start_viewer().url
     try:
-        found = follow_cell(cell, connect, RunningViewer(url), log)
+        found = follow_cell(cell, connect, RunningViewer(url), log, zenoh_config)
     except ViewerGoneError as gone:
         found = str(gone)
     log.print(f"showed cell {cell}: {found}", style="dim", soft_wrap=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from deltaph.telemetry.background import BackgroundSink
+from deltaph.telemetry.commands import CommandClient, CommandService, FeedFacts, PlanFacts, PpoRequest, RefusedPlan, Reply
 from deltaph.telemetry.events import EVENT_KINDS, EventKind
 from deltaph.telemetry.keys import MESSAGE_NAMES, CellKeys, MessageName
 from deltaph.telemetry.messages import Layout, layout, schema_document
@@ -26,13 +27,20 @@ __all__ = [
     "MESSAGE_NAMES",
     "BackgroundSink",
     "CellKeys",
+    "CommandClient",
+    "CommandService",
     "Destination",
     "EventKind",
+    "FeedFacts",
     "Layout",
     "Message",
     "MessageName",
+    "PlanFacts",
+    "PpoRequest",
     "Publisher",
     "Recorder",
+    "RefusedPlan",
+    "Reply",
     "Scene",
     "Subscriber",
     "layout",

@@ -19,13 +19,15 @@ class BackgroundSink:
     Args:
         sink: what works in the thread; `close` closes it, in the caller's thread.
         capacity: frames that may wait.
+        poll: between two looks of the idle worker [s].
     """
 
-    def __init__(self, sink: Sink, capacity: int) -> None:
+    def __init__(self, sink: Sink, capacity: int, poll: float = POLL) -> None:
         if capacity < 1:
             raise ValueError(f"capacity is {capacity}: at least one frame must be able to wait")
         self._sink = sink
         self._capacity = capacity
+        self._poll = poll
         self._queue: deque[Frame | threading.Event | None] = deque()
         self._refused = 0  # written by the caller's thread
         self._lost = 0  # written by the worker
@@ -85,5 +87,5 @@ class BackgroundSink:
 
     def _next(self) -> Frame | threading.Event | None:
         while not self._queue:
-            time.sleep(POLL)
+            time.sleep(self._poll)
         return self._queue.popleft()

@@ -8,10 +8,12 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from deltaph.frame import TIMING, Frame
+from deltaph.frame import COMMANDS, NO_COMMANDS, OUTCOMES, TIMING, Frame
 from deltaph.variables import Model, variable_table
 
-EventKind = Literal["plan_accepted", "plan_refused", "phase", "trip", "missed_deadline", "dropped"]
+EventKind = Literal[
+    "plan_accepted", "plan_refused", "phase", "trip", "missed_deadline", "dropped", "command_accepted", "command_refused"
+]
 
 EVENT_KINDS: tuple[EventKind, ...] = get_args(EventKind)
 """Numbered from 0 in this order; only ever appended to."""
@@ -30,7 +32,9 @@ EVENT_INTEGERS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ("phase", variable_table("planner").items("Phase"), "phase: the phase of the path from now on"),
     ("trip", variable_table("plant").items("Trip"), "trip: why the plant has tripped"),
     ("axis", (), "trip: the axis, 1 to 3; 0 where none is meant"),
-    ("count", (), "plan_accepted, plan_refused, missed_deadline: how many so far; dropped: frames missing before this one"),
+    ("count", (), "How many of this kind so far; of commands: with this outcome; dropped: frames missing before this one"),
+    ("command", COMMANDS, "command_accepted, command_refused: which command; none: a query to no command"),
+    ("outcome", OUTCOMES, "command_accepted, command_refused: what became of it; infeasible: plan_refused has the numbers"),
 )
 """Name, items and description of the Int32 fields of an event."""
 
@@ -42,6 +46,7 @@ _LEVELS: dict[EventKind, str] = {
     "trip": "ERROR",
     "missed_deadline": "WARN",
     "dropped": "WARN",
+    "command_refused": "WARN",
 }
 
 
@@ -87,6 +92,7 @@ class EventWatch:
 
     def __init__(self) -> None:
         self._before = _State(-1, 0, 0, 0, 0, 0)
+        self._commands = NO_COMMANDS
         self._planner, self._planner_floats = _columns("planner", floats=False), _columns("planner", floats=True)
         self._plant = _columns("plant", floats=False)
 
@@ -102,9 +108,10 @@ class EventWatch:
             int(frame.timing[_MISSED]),
         )
         before, self._before = self._before, now
-        if now[1:] == before[1:] and now.step == before.step + 1:  # nearly every frame
+        commands, self._commands = self._commands, frame.commands
+        if now[1:] == before[1:] and now.step == before.step + 1 and frame.commands is commands:  # nearly every frame
             return []
-        return list(self._compare(before, now, frame))
+        return [*self._compare(before, now, frame), *_decided(commands, frame)]
 
     def _compare(self, before: _State, now: _State, frame: Frame) -> Iterator[Event]:
         floats = {
@@ -124,6 +131,13 @@ class EventWatch:
             yield event(frame, "trip", trip=now.trip, axis=int(frame.plant_integers[self._plant["trip_axis"]]))
         if now.missed != before.missed:
             yield event(frame, "missed_deadline", count=now.missed)
+
+
+def _decided(before: NDArray[np.int32], frame: Frame) -> Iterator[Event]:
+    """What became of commands since: one event for those that are alike."""
+    for command, outcome in np.argwhere(frame.commands != before).tolist():
+        kind: EventKind = "command_accepted" if OUTCOMES[outcome] == "accepted" else "command_refused"
+        yield event(frame, kind, command=command, outcome=outcome, count=int(frame.commands[command, outcome]))
 
 
 def event(frame: Frame, kind: EventKind, **values: float) -> Event:
@@ -158,3 +172,7 @@ def sentence(record: np.void) -> str:
             return f"deadline missed, {count} so far"
         case "dropped":
             return f"{count} frames dropped before this one"
+        case "command_accepted":
+            return f"command {items['command']} accepted, {count} so far"
+        case "command_refused":
+            return f"command {items['command']} refused, {items['outcome']}: {count} so far"

@@ -6,6 +6,8 @@ import re
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from deltaph.frame import Command
+
 MessageName = Literal["setpoint", "actual", "timing", "plan", "event"]
 QueryName = Literal["schema", "plan", "scenario", "summary"]
 
@@ -43,6 +45,24 @@ class CellKeys:
     def everything(self) -> str:
         """Key expression of all the cell's messages."""
         return f"deltaph/{self.cell}/*"
+
+    @property
+    def commands(self) -> str:
+        """Key expression of all commands to the cell."""
+        return f"deltaph/{self.cell}/command/*"
+
+    def command(self, name: Command) -> str:
+        """The key of a command to the cell."""
+        return f"deltaph/{self.cell}/command/{name}"
+
+    @property
+    def publishers(self) -> str:
+        """Key expression of the tokens of the messages' publishers: `deltaph/{cell}/{message}/@adv/pub/{session}/{entity}/_`."""
+        return f"deltaph/{self.cell}/*/@adv/**"
+
+    def kept(self, name: MessageName, session: str, entity: int) -> str:
+        """Where a publisher, which is an entity of a session, answers with the messages that it keeps."""
+        return f"{self.of(name)}/@adv/pub/{session}/{entity}/**"
 
     def of(self, name: MessageName | QueryName) -> str:
         """The key of a message, or of a query."""

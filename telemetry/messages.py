@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltaph.frame import TIMING, Frame
+from deltaph.telemetry.commands import commands_schema
 from deltaph.telemetry.events import EVENT_FLOATS, EVENT_INTEGERS, Event
 from deltaph.telemetry.keys import MESSAGE_NAMES, MessageName
 from deltaph.variables import Model, Variable, variable_table
@@ -27,8 +28,9 @@ HEADER = bytes((0, 1, 0, 0))
 Records = NDArray[np.void]
 """Decoded messages of one layout: a structured array (n,)."""
 
-_VERSIONS: dict[MessageName, int] = {"timing": 2}
-"""Version of a layout that is not the first: 2 accounts for missed deadlines by cause and counts what sinks did not get."""
+_VERSIONS: dict[MessageName, int] = {"timing": 2, "event": 2}
+"""Version of a layout that is not the first. Timing 2 accounts for missed deadlines by cause and counts what sinks did not get;
+event 2 has commands."""
 
 _HEAD = struct.Struct("<4sQdQ")
 _SIZES = {"uint64": 8, "float64": 8, "int32": 4}
@@ -256,5 +258,5 @@ def layout(key: MessageName) -> Layout:
 
 
 def schema_document() -> dict[str, Any]:
-    """Every message by the last chunk of its key: what the queryable `schema` answers."""
-    return {"messages": {key: layout(key).schema() for key in MESSAGE_NAMES}}
+    """Every message by the last chunk of its key, and the commands: what the queryable `schema` answers."""
+    return {"messages": {key: layout(key).schema() for key in MESSAGE_NAMES}, "commands": commands_schema()}

@@ -5,17 +5,23 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import zenoh
+from zenoh import ext
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import Frame
 from deltaph.telemetry.events import EventWatch
 from deltaph.telemetry.keys import FRAME_MESSAGES, QUERY_NAMES, CellKeys, MessageName, QueryName
 from deltaph.telemetry.messages import layout, schema_document
-from deltaph.telemetry.session import open_cell_session, replies
+from deltaph.telemetry.session import is_alive, open_cell_session, replies
 from deltaph.variables import variable_table
 
+HISTORY = 30_000
+"""Messages of each kind that are kept for those who come late or have lost some: 30 s at 1 kHz, some 80 MB once it is full."""
+
+_HEARTBEAT = 0.5  # between two messages that tell Zenoh's own advanced subscribers how many there have been [s]
 _ADMIN_TIMEOUT = 1.0  # for what the session's own administration space answers [s]
 
 
@@ -23,6 +29,11 @@ class Publisher:
     """A sink that publishes.
 
     The sequence number of `setpoint`, `actual` and `timing` is the frame's step: a frame that never came here shows as a gap.
+    The last message is the summary; its attachment tells the last sequence number of each kind: a loss at the end shows as well.
+
+    The newest messages are kept by Zenoh's advanced publishers, which any advanced subscriber asks for what it missed. `take` waits
+    while they answer, some 60 ms for 30 s of messages: it belongs into a `BackgroundSink`. Replies are dropped where a reader does
+    not read, not waited for: one that has stopped must not hold up the others.
 
     Attributes:
         endpoints: where it listens.
@@ -33,16 +44,34 @@ class Publisher:
         scenario_json: what the queryable `scenario` answers.
         listen: endpoints that are asked for; see `open_cell_session`.
         connect: endpoints to connect to as well.
+        config: a Zenoh configuration file; see `deltaph zenoh-config`.
+        history: messages of each kind that are kept.
 
     Raises:
         ValueError: the cell's name does not fit into a key.
-        EnvironmentProblem: an endpoint that was asked for is in use, or is none.
+        EnvironmentProblem: an endpoint that was asked for is in use, or is none; the configuration is none; a cell of this name is
+            there already.
     """
 
-    def __init__(self, cell: str, scenario_json: str, *, listen: Sequence[str] = (), connect: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        cell: str,
+        scenario_json: str,
+        *,
+        listen: Sequence[str] = (),
+        connect: Sequence[str] = (),
+        config: Path | None = None,
+        history: int = HISTORY,
+    ) -> None:
         self._keys = CellKeys(cell)
-        self._session, self.endpoints = open_cell_session(listen, connect)
+        if is_alive(self._keys.token, connect, config):
+            raise EnvironmentProblem(
+                f"a cell {cell} is there already: give this one another name with --cell, or as `cell` under [run]"
+            )
+        self._session, self.endpoints = open_cell_session(listen, connect, config)
+        self._history = history
         self.published = 0
+        self._last_step = -1
         self._plans = 0
         self._decided = (0, 0)
         integers = [v.name for v in variable_table("planner").of("output") if not v.is_float]
@@ -56,6 +85,11 @@ class Publisher:
         self._watch, self._events = EventWatch(), 0
         self._queryables = [self._session.declare_queryable(self._keys.of(name), self._answering(name)) for name in QUERY_NAMES]
         self._token = self._session.liveliness().declare_token(self._keys.token)
+
+    @property
+    def session(self) -> zenoh.Session:
+        """The cell's session, for what else it offers."""
+        return self._session
 
     def take(self, frame: Frame) -> None:
         """Publish a frame, what happened since the last one, and the plan where one was accepted or refused."""
@@ -71,6 +105,7 @@ class Publisher:
         for event in self._watch.see(frame):
             self._event_publisher.put(self._event.encode(event, self._events))
             self._events += 1
+        self._last_step = frame.step
         self.published += 1
 
     def set_summary(self, summary_json: str) -> None:
@@ -113,15 +148,31 @@ class Publisher:
         if "summary" in self._answers:
             payload, encoding = self._answers["summary"]
             block = zenoh.CongestionControl.BLOCK  # it ends the stream: it may wait, and must not be lost
-            self._session.put(self._keys.of("summary"), payload, encoding=encoding, congestion_control=block)
+            self._session.put(
+                self._keys.of("summary"),
+                payload,
+                encoding=encoding,
+                attachment=json.dumps(self._last_numbers()),
+                congestion_control=block,
+            )
         self._session.close()  # type: ignore[no-untyped-call]
 
-    def _publisher(self, name: MessageName) -> zenoh.Publisher:
-        return self._session.declare_publisher(
+    def _last_numbers(self) -> dict[MessageName, int]:
+        """The last sequence number of each kind; of what was never sent there is none."""
+        numbers = dict.fromkeys(FRAME_MESSAGES, self._last_step) | {"plan": self._plans - 1, "event": self._events - 1}
+        return {name: number for name, number in numbers.items() if number >= 0}
+
+    def _publisher(self, name: MessageName) -> ext.AdvancedPublisher:
+        drop = zenoh.CongestionControl.DROP
+        return ext.declare_advanced_publisher(
+            self._session,
             self._keys.of(name),
             encoding=zenoh.Encoding(layout(name).encoding),
-            congestion_control=zenoh.CongestionControl.DROP,
+            congestion_control=drop,
             express=False,
+            cache=ext.CacheConfig(self._history, replies_config=ext.RepliesConfig(congestion_control=drop)),
+            sample_miss_detection=ext.MissDetectionConfig(heartbeat=_HEARTBEAT, sporadic_heartbeat=None),
+            publisher_detection=True,
         )
 
     def _answer(self, name: QueryName, document: str) -> None:

@@ -64,6 +64,11 @@ class Recorder:
         self._still = list(self._stills())
         self._open_stream: rr.RecordingStream | None = None
 
+    @property
+    def scene(self) -> Scene:
+        """What was known before the run."""
+        return self._scene
+
     def take(self, frame: Frame) -> None:
         """Take a frame of a run."""
         if frame.step >= self._end:

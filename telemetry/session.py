@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import socket
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
 from typing import Any
 
+import json5
 import zenoh
 
 from deltaph.errors import EnvironmentProblem
@@ -20,33 +24,77 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 # A message that waits in the sender's queue for longer than `wait_before_drop` is lost, and Zenoh does not say so. The publisher
 # has a thread of its own (BackgroundSink), so it may wait: most of what is too much is then dropped, and counted, at that
 # thread's queue. What a stopped subscriber loses in Zenoh or in the network shows as gaps in its sequence numbers alone.
-_QUEUE_BATCHES = 16
-_WAIT_BEFORE_DROP_US = 100_000
+_DEFAULTS: dict[str, Any] = {
+    "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+    "transport": {
+        "link": {"tx": {"queue": {"size": {"data": 16}, "congestion_control": {"drop": {"wait_before_drop": 100_000}}}}}  # [us]
+    },
+}
+
+CONFIGURATIONS = {name: Path(__file__).with_name(f"{name}.json5") for name in ("cell", "client")}
+"""Examples of configuration files."""
 
 _FREE_PORT_ATTEMPTS = 5
+_TOKEN_TIMEOUT = 1.0  # for cells of the same name [s]
 _GRACE = 1.0  # how much later than its own time limit the end of a query is waited for [s]
 _PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws", "unixsock-stream")  # what the wheel of eclipse-zenoh is built with
 
 
-def _config(mode: str, listen: Sequence[str], connect: Sequence[str], **more: Any) -> zenoh.Config:
-    config = zenoh.Config()
-    settings = {
-        "mode": mode,
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-        "transport/link/tx/queue/size/data": _QUEUE_BATCHES,
-        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": _WAIT_BEFORE_DROP_US,
-        **{key.replace("__", "/"): value for key, value in more.items()},
-    }
-    for key, value in settings.items():
-        config.insert_json5(key, json.dumps(value))
-    for endpoint in (*listen, *connect):
+def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    """Two configurations as one; where both say something, `above` holds."""
+    found = dict(below)
+    for key, value in above.items():
+        before = found.get(key)
+        found[key] = _merged(before, value) if isinstance(before, dict) and isinstance(value, dict) else value
+    return found
+
+
+def _endpoints(endpoints: Sequence[str]) -> list[str]:
+    for endpoint in endpoints:
         protocol, _, address = endpoint.partition("/")
         if protocol not in _PROTOCOLS or not address:
             raise EnvironmentProblem(f"{endpoint!r} is not a Zenoh endpoint: write it like {DEFAULT_ENDPOINT}")
-    config.insert_json5("listen/endpoints", json.dumps(list(listen)))
-    config.insert_json5("connect/endpoints", json.dumps(list(connect)))
-    return config
+    return list(endpoints)
+
+
+class _Settings:
+    """What a session is opened with: our defaults, over them the configuration file, over that what the command line says.
+
+    Raises:
+        EnvironmentProblem: the file cannot be read, or is no configuration.
+    """
+
+    def __init__(self, mode: str, file: Path | None) -> None:
+        if "RUST_LOG" in os.environ:
+            zenoh.try_init_log_from_env()  # Zenoh's own log, on standard output; whom it refuses is told there and nowhere else
+        self._file = file
+        self._mode = mode
+        self._given: dict[str, Any] = {}
+        if file is not None:
+            try:
+                self._given = json5.loads(file.read_text(encoding="utf-8"))
+            except (OSError, ValueError) as error:
+                reason = error.strerror if isinstance(error, OSError) else str(error).replace("<string>:", "line ")
+                raise EnvironmentProblem(f"cannot read the Zenoh configuration {file}: {reason}") from error
+            if not isinstance(self._given, dict):
+                raise EnvironmentProblem(f"{file} is no Zenoh configuration: it must be an object, {{ ... }}")
+
+    def endpoints(self, which: str) -> tuple[str, ...]:
+        """The endpoints that the file asks for, to `listen` on or to `connect` to."""
+        section = self._given.get(which)
+        found = section.get("endpoints", []) if isinstance(section, dict) else []
+        if isinstance(found, dict):  # by mode
+            found = found.get(self._given.get("mode", self._mode), [])
+        return tuple(found)
+
+    def config(self, listen: Sequence[str], connect: Sequence[str], **more: Any) -> zenoh.Config:
+        """The configuration with these endpoints."""
+        ours = _merged(_DEFAULTS, {"mode": self._mode, **more})
+        asked = {"listen": {"endpoints": _endpoints(listen)}, "connect": {"endpoints": _endpoints(connect)}}
+        try:
+            return zenoh.Config.from_json5(json.dumps(_merged(_merged(ours, self._given), asked)))
+        except zenoh.ZError as error:
+            raise EnvironmentProblem(f"{self._file} is no Zenoh configuration: {_reason(error)}") from error
 
 
 def _reason(error: zenoh.ZError) -> str:
@@ -56,13 +104,8 @@ def _reason(error: zenoh.ZError) -> str:
     return (inner.group(1) if inner else text).strip(" .!").lower()
 
 
-def _open_peer(listen: Sequence[str], connect: Sequence[str]) -> zenoh.Session:
-    # The administration space is what tells the publisher who subscribes.
-    return _open("peer", listen, connect, adminspace__enabled=True)
-
-
-def _open(mode: str, listen: Sequence[str], connect: Sequence[str], **more: Any) -> zenoh.Session:
-    config = _config(mode, listen, connect, **more)
+def _open(settings: _Settings, listen: Sequence[str], connect: Sequence[str], **more: Any) -> zenoh.Session:
+    config = settings.config(listen, connect, **more)
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
@@ -77,29 +120,37 @@ def _free_port() -> int:
         return port
 
 
-def open_cell_session(listen: Sequence[str] = (), connect: Sequence[str] = ()) -> tuple[zenoh.Session, tuple[str, ...]]:
+def open_cell_session(
+    listen: Sequence[str] = (), connect: Sequence[str] = (), config: Path | None = None
+) -> tuple[zenoh.Session, tuple[str, ...]]:
     """Open the session of a cell: a peer that listens.
 
     Args:
-        listen: endpoints that are asked for; without any the default one, or a free port of this machine where that is taken.
+        listen: endpoints that are asked for; without any those of the configuration file; without those the default one, or a
+            free port of this machine where that is taken.
         connect: endpoints to connect to as well; those that are not there yet are tried again and again.
+        config: a Zenoh configuration file.
 
     Returns:
         the session, and the endpoints it listens on.
 
     Raises:
-        EnvironmentProblem: an endpoint that was asked for is in use, or is none.
+        EnvironmentProblem: an endpoint that was asked for is in use, or is none; the file is no configuration.
     """
+    settings = _Settings("peer", config)
+    listen = listen or settings.endpoints("listen")
+    connect = connect or settings.endpoints("connect")
+    admin = {"enabled": True}  # it is what tells the publisher who subscribes
     if listen:
-        return _open_peer(listen, connect), tuple(listen)
+        return _open(settings, listen, connect, adminspace=admin), tuple(listen)
     try:
-        return _open_peer([DEFAULT_ENDPOINT], connect), (DEFAULT_ENDPOINT,)
+        return _open(settings, [DEFAULT_ENDPOINT], connect, adminspace=admin), (DEFAULT_ENDPOINT,)
     except EnvironmentProblem as taken:
         problem = taken
     for _ in range(_FREE_PORT_ATTEMPTS):  # another process can be faster at a free port
         endpoint = f"tcp/127.0.0.1:{_free_port()}"
         try:
-            return _open_peer([endpoint], connect), (endpoint,)
+            return _open(settings, [endpoint], connect, adminspace=admin), (endpoint,)
         except EnvironmentProblem as lost:
             problem = lost
     raise problem
@@ -111,46 +162,87 @@ def open_router_session(listen: Sequence[str]) -> zenoh.Session:
     Raises:
         EnvironmentProblem: an endpoint is in use, or is none.
     """
-    return _open("router", listen, [])
+    return _open(_Settings("router", None), listen, [])
 
 
-def open_client_session(connect: Sequence[str] = (DEFAULT_ENDPOINT,), timeout: float | None = None) -> zenoh.Session:
+def open_client_session(connect: Sequence[str] = (), timeout: float | None = None, config: Path | None = None) -> zenoh.Session:
     """Open the session of a subscriber: a client, which also works through a router; waits until an endpoint answers.
 
     Args:
-        connect: endpoints to connect to, the first that answers is taken.
+        connect: endpoints to connect to, the first that answers is taken; without any those of the configuration file, or the
+            default one.
         timeout: [s]; None waits for ever.
+        config: a Zenoh configuration file.
 
     Raises:
-        EnvironmentProblem: nothing answers, or an endpoint is none.
+        EnvironmentProblem: nothing answers, an endpoint is none, or the file is no configuration.
     """
     deadline = None if timeout is None else time.monotonic() + timeout
-    config = _config("client", [], connect)
+    settings = _Settings("client", config)
+    connect = connect or settings.endpoints("connect") or (DEFAULT_ENDPOINT,)
+    zenoh_config = settings.config(settings.endpoints("listen"), connect)
     while True:
         try:
-            return zenoh.open(config)
+            return zenoh.open(zenoh_config)
         except zenoh.ZError as error:
             if deadline is not None and time.monotonic() >= deadline:
                 raise EnvironmentProblem(f"nothing answers on {' or '.join(connect)} within {timeout:g} s") from error
             time.sleep(0.05)  # between two attempts, so that waiting costs nothing
 
 
-def replies(session: zenoh.Session, selector: str, timeout: float) -> list[zenoh.Reply]:
+def is_alive(token: str, connect: Sequence[str] = (), config: Path | None = None) -> bool:
+    """Whether a liveliness token is seen from the endpoints that a cell connects to; those that are not there see none.
+
+    It is asked as a client: a router and a peer tell a peer nothing of other peers.
+
+    Raises:
+        EnvironmentProblem: an endpoint is none, or the file is no configuration.
+    """
+    settings = _Settings("client", config)
+    for endpoint in connect or settings.endpoints("connect"):
+        zenoh_config = settings.config([], [endpoint])
+        try:
+            session = zenoh.open(zenoh_config)
+        except zenoh.ZError:
+            continue
+        with session:
+            found = collected(partial(session.liveliness().get, token, timeout=_TOKEN_TIMEOUT), _TOKEN_TIMEOUT)
+        if any(reply.ok is not None for reply in found):
+            return True
+    return False
+
+
+def replies(session: zenoh.Session, selector: str, timeout: float, payload: bytes | None = None) -> list[zenoh.Reply]:
+    """Ask, and wait for all replies.
+
+    Args:
+        session: that asks.
+        selector: whom, and what for.
+        timeout: [s].
+        payload: JSON that goes with it.
+
+    Returns:
+        the replies that came, in their order.
+    """
+    encoding = None if payload is None else zenoh.Encoding.APPLICATION_JSON
+    return collected(partial(session.get, selector, timeout=timeout, payload=payload, encoding=encoding), timeout)
+
+
+def collected(ask: Callable[[Any], object], timeout: float) -> list[zenoh.Reply]:
     """Ask, and wait for all replies.
 
     Zenoh ends a query at its time limit, but the iterator that `Session.get` returns was seen, rarely, to wait for ever; this
     wait has an end of its own.
 
     Args:
-        session: that asks.
-        selector: whom, and what for.
-        timeout: [s].
+        ask: does it, with the handler that it is given.
+        timeout: of the query [s].
 
     Returns:
         the replies that came, in their order.
     """
-    collected: list[zenoh.Reply] = []
+    found: list[zenoh.Reply] = []
     complete = threading.Event()
-    session.get(selector, zenoh.handlers.Callback(collected.append, complete.set), timeout=timeout)
+    ask(zenoh.handlers.Callback(found.append, complete.set))
     complete.wait(timeout + _GRACE)
-    return list(collected)
+    return list(found)

@@ -85,13 +85,6 @@ double dph_corner_longer_leg(double leg, double deviation, double most)
     return longer;
 }
 
-double dph_corner_sigma(const dph_corner *corner, double gamma)
-{
-    double v = corner->u2 * gamma * gamma;
-    double u = corner->u0 * (1.0 - gamma) * (1.0 - gamma) + v;
-    return u * u + v * v;
-}
-
 /* Arc length from the corner's start. */
 static double length_at(const dph_corner *corner, double gamma)
 {
@@ -114,7 +107,7 @@ double dph_corner_gamma(const dph_corner *corner, double length)
             high = gamma;
         else
             low = gamma;
-        double step = -residual / dph_corner_sigma(corner, gamma);
+        double step = -residual / corner_sigma(corner, gamma);
         double next = gamma + step;
         gamma = next >= low && next <= high ? next : 0.5 * (low + high);
         if (fabs(step) < 1e-9)
@@ -126,10 +119,8 @@ double dph_corner_gamma(const dph_corner *corner, double length)
 void dph_corner_at(const dph_corner *corner, double gamma, dph_corner_point *point)
 {
     double a = corner->u0, b = corner->u2, r = 1.0 - gamma;
-
-    /* Preimage and its derivatives by gamma, eq. (6). */
-    double v = b * gamma * gamma, v1 = 2.0 * b * gamma, v2 = 2.0 * b;
-    double u = a * r * r + v, u1 = 2.0 * (b * gamma - a * r), u2 = 2.0 * (a + b);
+    dph_preimage preimage = preimage_at(corner, gamma);
+    const double *u = preimage.u, *v = preimage.v;
 
     /* Integrals of u^2 - v^2, 2uv and u^2 + v^2, in terms that vanish with gamma one by one (eqs. (3), (4)). */
     double g3 = gamma * gamma * gamma, g5 = g3 * gamma * gamma;
@@ -139,15 +130,12 @@ void dph_corner_at(const dph_corner *corner, double gamma, dph_corner_point *poi
 
     point->p[0][0] = mixed + last;
     point->p[0][1] = first + mixed;
-    point->p[1][0] = 2.0 * u * v;
-    point->p[1][1] = (u - v) * (u + v);
-    point->p[2][0] = 2.0 * (u1 * v + u * v1);
-    point->p[2][1] = 2.0 * (u * u1 - v * v1);
-    point->p[3][0] = 2.0 * (u2 * v + 2.0 * u1 * v1 + u * v2);
-    point->p[3][1] = 2.0 * (u1 * u1 + u * u2 - v1 * v1 - v * v2);
-
-    point->sigma[0] = u * u + v * v;
-    point->sigma[1] = 2.0 * (u * u1 + v * v1);
-    point->sigma[2] = 2.0 * (u1 * u1 + u * u2 + v1 * v1 + v * v2);
+    point->p[1][0] = 2.0 * u[0] * v[0];
+    point->p[1][1] = (u[0] - v[0]) * (u[0] + v[0]);
+    point->p[2][0] = 2.0 * (u[1] * v[0] + u[0] * v[1]);
+    point->p[2][1] = 2.0 * (u[0] * u[1] - v[0] * v[1]);
+    point->p[3][0] = 2.0 * (u[2] * v[0] + 2.0 * u[1] * v[1] + u[0] * v[2]);
+    point->p[3][1] = 2.0 * (u[1] * u[1] + u[0] * u[2] - v[1] * v[1] - v[0] * v[2]);
+    corner_sigmas(&preimage, point->sigma);
     point->length = first + mixed + last;
 }

@@ -7,8 +7,33 @@
 /* The leg m = k [m] that a deviation [m] needs, eq. (13). */
 double dph_corner_leg(double deviation);
 
+/* The preimage and its derivatives by gamma, [order], eq. (6). */
+typedef struct dph_preimage {
+    double u[3], v[3]; /* [m^(1/2)] */
+} dph_preimage;
+
+static inline dph_preimage preimage_at(const dph_corner *corner, double gamma)
+{
+    double a = corner->u0, b = corner->u2, r = 1.0 - gamma, v = b * gamma * gamma;
+    dph_preimage p = {{a * r * r + v, 2.0 * (b * gamma - a * r), 2.0 * (a + b)}, {v, 2.0 * b * gamma, 2.0 * b}};
+    return p;
+}
+
 /* Parametric speed sigma = u^2 + v^2 [m], eq. (18). */
-double dph_corner_sigma(const dph_corner *corner, double gamma);
+static inline double corner_sigma(const dph_corner *corner, double gamma)
+{
+    double v = corner->u2 * gamma * gamma, u = corner->u0 * (1.0 - gamma) * (1.0 - gamma) + v;
+    return u * u + v * v;
+}
+
+/* The same with its first two derivatives by gamma. */
+static inline void corner_sigmas(const dph_preimage *p, double sigma[3])
+{
+    const double *u = p->u, *v = p->v;
+    sigma[0] = u[0] * u[0] + v[0] * v[0];
+    sigma[1] = 2.0 * (u[0] * u[1] + v[0] * v[1]);
+    sigma[2] = 2.0 * (u[1] * u[1] + u[0] * u[2] + v[1] * v[1] + v[0] * v[2]);
+}
 
 /* The curve parameter at an arc length [m] from the corner's start. */
 double dph_corner_gamma(const dph_corner *corner, double length);

@@ -17,26 +17,44 @@ typedef struct dph_arm {
     double elbow[3], elbow_d[3], elbow_dd[3]; /* E, E' = -La (u sin + k cos), E'' = -La (u cos - k sin) [m] */
 } dph_arm;
 
-/* The three arms at one point, without the angles themselves: joint i is at atan2(direction[i][1], direction[i][0]). */
+/* Arm i in its own vertical plane, whose axes are u_i (outwards) and k (up), and beside it. The platform joint lies at (x, z) from the
+ * shoulder, y beside the plane; `along` the upper arm and `across` it, below, are x cos - z sin and -(x sin + z cos). With them
+ * s . E' = La across, s . E'' = La (La - along). */
+typedef struct dph_limb {
+    double cosine, sine; /* of theta */
+    double x, y, z, along, across; /* [m] */
+} dph_limb;
+
+/* The three arms at one point, without the angles themselves. */
 typedef struct dph_pose {
-    dph_arm arm[3];
-    double s[3][3];         /* forearm vectors [m] */
-    double direction[3][2]; /* along cosine and sine of theta, not of unit length */
+    double upper; /* La [m] */
+    dph_limb limb[3];
 } dph_pose;
 
-/* The pose at a point (3) [m]. Fails: as dph_inverse_kinematics. Cost: nine square roots, three divisions; no trigonometric function. */
+/* The pose at a point (3) [m]. Fails: as dph_inverse_kinematics. Cost: three square roots, three divisions; no trigonometric function. */
 dph_verdict dph_pose_at(const dph_robot *robot, const double point[3], dph_pose *pose);
 
-/* As dph_dexterity, dph_joint_motion and dph_inverse_dynamics, from a pose: no trigonometric function. */
-double dph_pose_dexterity(const dph_robot *robot, const dph_pose *pose);
+/* The pose of joint angles (3) [rad] and the point that belongs to them. Cost: six trigonometric functions. */
+void dph_pose_from(const dph_robot *robot, const double theta[3], const double point[3], dph_pose *pose);
+
+/* The joint angles of a pose (3) [rad]. Cost: three atan2. */
+void dph_pose_angles(const dph_pose *pose, double theta[3]);
+
+/* The forearm vectors s_i of a pose in the base frame [m]. */
+void dph_pose_forearms(const dph_pose *pose, double s[3][3]);
+
+/* The two kinds of dexterity apart: |s_i . E'_i| / (La l) of each joint, |det A| / l^3. */
+void dph_pose_dexterities(const dph_robot *robot, const dph_pose *pose, double aligned[3], double *coplanar);
+
+/* As dph_joint_motion and dph_inverse_dynamics, from a pose: no trigonometric function. */
 void dph_pose_motion(const dph_pose *pose, const double velocity[3], const double acceleration[3], const double jerk[3],
                      double joint_velocity[3], double joint_acceleration[3], double joint_jerk[3]);
 void dph_pose_dynamics(const dph_robot *robot, const dph_pose *pose, double payload, dph_motion *motion);
 
-static inline void arm_along(const dph_robot *robot, int i, double cosine, double sine, dph_arm *arm)
+static inline void arm_at(const dph_robot *robot, int i, double theta, dph_arm *arm)
 {
     const double *u = arm_direction[i];
-    double across = robot->upper_arm_length * cosine, down = robot->upper_arm_length * sine;
+    double across = robot->upper_arm_length * cos(theta), down = robot->upper_arm_length * sin(theta);
     double out = robot->base_radius + across;
     for (int k = 0; k < 2; ++k) {
         arm->elbow[k] = out * u[k];
@@ -46,11 +64,6 @@ static inline void arm_along(const dph_robot *robot, int i, double cosine, doubl
     arm->elbow[2] = -down;
     arm->elbow_d[2] = -across;
     arm->elbow_dd[2] = down;
-}
-
-static inline void arm_at(const dph_robot *robot, int i, double theta, dph_arm *arm)
-{
-    arm_along(robot, i, cos(theta), sin(theta), arm);
 }
 
 /* Forearm vector s = p + r u - E. */

@@ -56,34 +56,36 @@ void dph_pose_dynamics(const dph_robot *robot, const dph_pose *pose, double payl
 {
     Inertia m = inertia_of(robot, payload);
     dph_inverse inverse;
-    double s[3][3], force[3];
+    double s[3][3], force[3], coupling = m.coupling * pose->upper;
 
     platform_load(&m, motion, force);
     for (int i = 0; i < 3; ++i) {
-        add_scaled(force, m.coupling * motion->theta_dd[i], pose->arm[i].elbow_d);
-        add_scaled(force, m.coupling * motion->theta_d[i] * motion->theta_d[i], pose->arm[i].elbow_dd);
+        /* coupling (E' theta'' + E'' theta'^2), E' = -La (u sin + k cos), E'' = -La (u cos - k sin) */
+        const dph_limb *limb = &pose->limb[i];
+        double a = motion->theta_dd[i], w2 = motion->theta_d[i] * motion->theta_d[i];
+        double out = -coupling * (limb->sine * a + limb->cosine * w2);
+        force[0] += out * arm_direction[i][0];
+        force[1] += out * arm_direction[i][1];
+        force[2] -= coupling * (limb->cosine * a - limb->sine * w2);
     }
     add_scaled(force, m.platform, motion->point_dd);
-    memcpy(s, pose->s, sizeof s);
+    dph_pose_forearms(pose, s);
     invert_rows(s, &inverse);
     multipliers(&inverse, force, motion->lambda);
 
-    /* Gravity of the arm: E'_z = -La cos theta. */
-    double arm_weight = m.arm_weight / robot->upper_arm_length;
     for (int i = 0; i < 3; ++i) {
-        const double *elbow_d = pose->arm[i].elbow_d;
-        motion->torque[i] = m.arm * motion->theta_dd[i] + m.coupling * dot(elbow_d, motion->point_dd) + arm_weight * elbow_d[2] -
-                            dot(s[i], elbow_d) * motion->lambda[i];
+        const dph_limb *limb = &pose->limb[i];
+        double out = motion->point_dd[0] * arm_direction[i][0] + motion->point_dd[1] * arm_direction[i][1];
+        double along = limb->sine * out + limb->cosine * motion->point_dd[2]; /* -E' . p'' / La */
+        motion->torque[i] = m.arm * motion->theta_dd[i] - coupling * along - m.arm_weight * limb->cosine -
+                            pose->upper * limb->across * motion->lambda[i];
     }
 }
 
 void dph_inverse_dynamics(const dph_robot *robot, double payload, dph_motion *motion)
 {
     dph_pose pose;
-    for (int i = 0; i < 3; ++i) {
-        arm_at(robot, i, motion->theta[i], &pose.arm[i]);
-        forearm_at(robot, i, &pose.arm[i], motion->point, pose.s[i]);
-    }
+    dph_pose_from(robot, motion->theta, motion->point, &pose);
     dph_pose_dynamics(robot, &pose, payload, motion);
 }
 

@@ -62,61 +62,102 @@ static dph_verdict unreachable(int i, double required, double available)
     return dph_refuse(DPH_STATUS_UNREACHABLE, DPH_PHASE_IDLE, i + 1, required, available);
 }
 
-/* One joint. In the plane of arm i the platform joint lies x outwards of the shoulder and z above it, y beside the plane. The
- * closure x cos - z sin = K := (x^2 + z^2 + La^2 + y^2 - l^2) / (2 La) has two solutions; with the minus branch, the smaller angle,
- * the elbow is outwards. Returned: cosine and sine of the angle, both times x^2 + z^2, which is `plane2`. */
-static dph_verdict upper_arm(const dph_robot *robot, int i, const double point[3], double direction[2], double *plane2)
+/* Of joint i, where the platform joint is in the frame of its arm. */
+static void limb_from(const dph_robot *robot, int i, const double point[3], dph_limb *limb)
 {
     const double *u = arm_direction[i];
-    double upper = robot->upper_arm_length, forearm = robot->forearm_length;
-    double x = point[0] * u[0] + point[1] * u[1] + robot->platform_radius - robot->base_radius;
-    double y = point[1] * u[0] - point[0] * u[1], z = point[2];
+    limb->x = point[0] * u[0] + point[1] * u[1] + robot->platform_radius - robot->base_radius;
+    limb->y = point[1] * u[0] - point[0] * u[1];
+    limb->z = point[2];
+}
 
-    double p2 = x * x + z * z, plane = sqrt(p2);
+/* Does a limb reach: is the distance from shoulder to platform joint in the arm's plane within its bounds? */
+static dph_verdict limb_check(const dph_robot *robot, int i, const dph_limb *limb)
+{
+    double upper = robot->upper_arm_length, forearm = robot->forearm_length, y = limb->y;
     if (!(fabs(y) <= forearm)) /* the forearm cannot even lean that far */
         return unreachable(i, fabs(y), forearm);
-    double lean2 = (forearm - y) * (forearm + y), lean = sqrt(lean2);
+    double plane = sqrt(limb->x * limb->x + limb->z * limb->z), lean = sqrt((forearm - y) * (forearm + y));
     if (!(plane <= upper + lean))
         return unreachable(i, plane, upper + lean);
     if (!(plane >= fabs(upper - lean)))
         return unreachable(i, plane, fabs(upper - lean));
-
-    double k = (p2 + upper * upper - lean2) / (2.0 * upper);
-    double root2 = p2 - k * k; /* at the bounds 0 but for rounding */
-    double root = root2 > 0.0 ? sqrt(root2) : 0.0;
-    direction[0] = x * k - z * root;
-    direction[1] = -z * k - x * root;
-    *plane2 = p2;
     return dph_accept();
 }
 
-dph_verdict dph_inverse_kinematics(const dph_robot *robot, const double point[3], double theta[3])
+/* One joint. The closure x cos - z sin = K := (x^2 + z^2 + La^2 + y^2 - l^2) / (2 La) has two solutions; with the minus branch, the
+ * smaller angle, the elbow is outwards. They are real where K^2 <= x^2 + z^2, which is within the bounds of limb_check. */
+static dph_verdict limb_at(const dph_robot *robot, int i, const double point[3], dph_limb *limb)
 {
-    double angle[3], direction[2], plane2;
-    for (int i = 0; i < 3; ++i) {
-        dph_verdict verdict = upper_arm(robot, i, point, direction, &plane2);
+    limb_from(robot, i, point, limb);
+    double upper = robot->upper_arm_length, forearm = robot->forearm_length, x = limb->x, y = limb->y, z = limb->z;
+    double plane2 = x * x + z * z, lean2 = (forearm - y) * (forearm + y);
+    double k = (plane2 + upper * upper - lean2) / (2.0 * upper), root2 = plane2 - k * k, root = 0.0;
+    if (root2 >= 0.0 && lean2 >= 0.0) {
+        root = sqrt(root2);
+    } else { /* out of reach, or at the end of it but for rounding */
+        dph_verdict verdict = limb_check(robot, i, limb);
         if (verdict.status != DPH_STATUS_OK)
             return verdict;
-        angle[i] = atan2(direction[1], direction[0]);
     }
-    for (int i = 0; i < 3; ++i)
-        theta[i] = angle[i];
+    /* A platform joint on its shoulder leaves the angle open: as atan2 has it, 0. */
+    double scale = plane2 > 0.0 ? 1.0 / plane2 : 0.0;
+    limb->cosine = plane2 > 0.0 ? scale * (x * k - z * root) : 1.0;
+    limb->sine = scale * (-z * k - x * root);
+    limb->along = k;
+    limb->across = root;
     return dph_accept();
 }
 
 dph_verdict dph_pose_at(const dph_robot *robot, const double point[3], dph_pose *pose)
 {
+    pose->upper = robot->upper_arm_length;
     for (int i = 0; i < 3; ++i) {
-        double plane2;
-        dph_verdict verdict = upper_arm(robot, i, point, pose->direction[i], &plane2);
+        dph_verdict verdict = limb_at(robot, i, point, &pose->limb[i]);
         if (verdict.status != DPH_STATUS_OK)
             return verdict;
-        /* A platform joint on its shoulder leaves the angle open: as atan2 has it, 0. */
-        double scale = plane2 > 0.0 ? 1.0 / plane2 : 0.0;
-        arm_along(robot, i, plane2 > 0.0 ? scale * pose->direction[i][0] : 1.0, scale * pose->direction[i][1], &pose->arm[i]);
-        forearm_at(robot, i, &pose->arm[i], point, pose->s[i]);
     }
     return dph_accept();
+}
+
+void dph_pose_from(const dph_robot *robot, const double theta[3], const double point[3], dph_pose *pose)
+{
+    pose->upper = robot->upper_arm_length;
+    for (int i = 0; i < 3; ++i) {
+        dph_limb *limb = &pose->limb[i];
+        limb_from(robot, i, point, limb);
+        limb->cosine = cos(theta[i]);
+        limb->sine = sin(theta[i]);
+        limb->along = limb->x * limb->cosine - limb->z * limb->sine;
+        limb->across = -(limb->x * limb->sine + limb->z * limb->cosine);
+    }
+}
+
+void dph_pose_angles(const dph_pose *pose, double theta[3])
+{
+    for (int i = 0; i < 3; ++i)
+        theta[i] = atan2(pose->limb[i].sine, pose->limb[i].cosine);
+}
+
+void dph_pose_forearms(const dph_pose *pose, double s[3][3])
+{
+    for (int i = 0; i < 3; ++i) {
+        const dph_limb *limb = &pose->limb[i];
+        const double *u = arm_direction[i];
+        double out = limb->x - pose->upper * limb->cosine;
+        s[i][0] = out * u[0] - limb->y * u[1];
+        s[i][1] = out * u[1] + limb->y * u[0];
+        s[i][2] = limb->z + pose->upper * limb->sine;
+    }
+}
+
+dph_verdict dph_inverse_kinematics(const dph_robot *robot, const double point[3], double theta[3])
+{
+    dph_pose pose;
+    dph_verdict verdict = dph_pose_at(robot, point, &pose);
+    if (verdict.status == DPH_STATUS_OK)
+        dph_pose_angles(&pose, theta);
+    return verdict;
 }
 
 int dph_forward_kinematics(const dph_robot *robot, const double theta[3], double point[3])
@@ -127,30 +168,23 @@ int dph_forward_kinematics(const dph_robot *robot, const double theta[3], double
     return platform_below(robot, arm, point);
 }
 
-double dph_pose_dexterity(const dph_robot *robot, const dph_pose *pose)
+void dph_pose_dexterities(const dph_robot *robot, const dph_pose *pose, double aligned[3], double *coplanar)
 {
-    double normal[3], least = HUGE_VAL, forearm = robot->forearm_length;
-    double scale = robot->upper_arm_length * forearm;
+    double s[3][3], normal[3], forearm = robot->forearm_length;
     for (int i = 0; i < 3; ++i)
-        least = fmin(least, fabs(dot(pose->s[i], pose->arm[i].elbow_d)) / scale);
-    cross(pose->s[1], pose->s[2], normal);
-    return fmin(least, fabs(dot(pose->s[0], normal)) / (forearm * forearm * forearm));
-}
-
-/* The pose from joint angles and the point that belongs to them; without `direction`. */
-static void pose_from(const dph_robot *robot, const double theta[3], const double point[3], dph_pose *pose)
-{
-    for (int i = 0; i < 3; ++i) {
-        arm_at(robot, i, theta[i], &pose->arm[i]);
-        forearm_at(robot, i, &pose->arm[i], point, pose->s[i]);
-    }
+        aligned[i] = fabs(pose->limb[i].across) / forearm;
+    dph_pose_forearms(pose, s);
+    cross(s[1], s[2], normal);
+    *coplanar = fabs(dot(s[0], normal)) / (forearm * forearm * forearm);
 }
 
 double dph_dexterity(const dph_robot *robot, const double theta[3], const double point[3])
 {
     dph_pose pose;
-    pose_from(robot, theta, point, &pose);
-    return dph_pose_dexterity(robot, &pose);
+    double aligned[3], coplanar;
+    dph_pose_from(robot, theta, point, &pose);
+    dph_pose_dexterities(robot, &pose, aligned, &coplanar);
+    return fmin(fmin(aligned[0], aligned[1]), fmin(aligned[2], coplanar));
 }
 
 double dph_closure_residual(const dph_robot *robot, const double theta[3], const double point[3])
@@ -176,25 +210,35 @@ void dph_elbows(const dph_robot *robot, int n, const double *theta, double *elbo
     }
 }
 
+/* A vector of the base frame in the frame of arm i: outwards, beside, up. */
+static inline void turn(int i, const double a[3], double b[3])
+{
+    const double *u = arm_direction[i];
+    b[0] = a[0] * u[0] + a[1] * u[1];
+    b[1] = a[1] * u[0] - a[0] * u[1];
+    b[2] = a[2];
+}
+
 void dph_pose_motion(const dph_pose *pose, const double velocity[3], const double acceleration[3], const double jerk[3],
                      double joint_velocity[3], double joint_acceleration[3], double joint_jerk[3])
 {
     for (int i = 0; i < 3; ++i) {
-        const dph_arm *arm = &pose->arm[i];
-        const double *s = pose->s[i];
-        double s_d[3], s_dd[3];
-        double inverse = 1.0 / dot(s, arm->elbow_d), e = dot(s, arm->elbow_dd);
+        const dph_limb *limb = &pose->limb[i];
+        double out = pose->upper * limb->cosine, down = pose->upper * limb->sine; /* E' = (-down, 0, -out), E'' = (-out, 0, down) */
+        double s[3] = {limb->x - out, limb->y, limb->z + down}, p1[3], p2[3], p3[3];
+        double inverse = 1.0 / (pose->upper * limb->across), e = pose->upper * (pose->upper - limb->along);
+        turn(i, velocity, p1);
+        turn(i, acceleration, p2);
+        turn(i, jerk, p3);
 
         /* phi' = s . (p' - E' w) = 0 */
-        double w = dot(s, velocity) * inverse;
+        double w = dot(s, p1) * inverse, w2 = w * w;
         /* phi'' = |s'|^2 + s . (p'' - E' a - E'' w^2) = 0 */
-        for (int k = 0; k < 3; ++k)
-            s_d[k] = velocity[k] - w * arm->elbow_d[k];
-        double a = (dot(s_d, s_d) + dot(s, acceleration) - e * w * w) * inverse;
+        double s1[3] = {p1[0] + down * w, p1[1], p1[2] + out * w};
+        double a = (dot(s1, s1) + dot(s, p2) - e * w2) * inverse;
         /* phi''' = 3 s' . s'' + s . (p''' - E' j - 3 E'' w a + E' w^3) = 0, since E''' = -E' */
-        for (int k = 0; k < 3; ++k)
-            s_dd[k] = acceleration[k] - a * arm->elbow_d[k] - w * w * arm->elbow_dd[k];
-        joint_jerk[i] = (3.0 * dot(s_d, s_dd) + dot(s, jerk) - 3.0 * e * w * a) * inverse + w * w * w;
+        double s2[3] = {p2[0] + down * a + out * w2, p2[1], p2[2] + out * a - down * w2};
+        joint_jerk[i] = (3.0 * dot(s1, s2) + dot(s, p3) - 3.0 * e * w * a) * inverse + w2 * w;
         joint_acceleration[i] = a;
         joint_velocity[i] = w;
     }
@@ -205,6 +249,6 @@ void dph_joint_motion(const dph_robot *robot, const double theta[3], const doubl
                       double joint_acceleration[3], double joint_jerk[3])
 {
     dph_pose pose;
-    pose_from(robot, theta, point, &pose);
+    dph_pose_from(robot, theta, point, &pose);
     dph_pose_motion(&pose, velocity, acceleration, jerk, joint_velocity, joint_acceleration, joint_jerk);
 }

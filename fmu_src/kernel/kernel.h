@@ -190,7 +190,7 @@ void dph_corner_at(const dph_corner *corner, double gamma, dph_corner_point *poi
 
 /* ---- Motion law on a corner (corner_law.c) ---------------------------------------------------------------------------------------------- */
 
-/* Greatest number of quadrature panels of one corner: 24 on either side of its middle, each half as wide as the next. */
+/* Greatest number of panels of one corner. */
 enum { DPH_PANELS = 48 };
 
 /* Path speed v(gamma) = V_B - 16 (V_B - V_N) gamma^2 (1-gamma)^2 on a corner (eq. (16)), and t(gamma) = int sigma / v (eq. (20)) by
@@ -199,16 +199,19 @@ typedef struct dph_corner_law {
     dph_corner corner;
     double entry_speed, mid_speed; /* V_B, V_N [m/s] */
     double duration;               /* T_2 [s] */
-    int panels;
+    int panels;                    /* 16 for V_N of about V_B, all 48 below V_B / 20 */
+    int pieces;                    /* of six quadrature points to a panel: 1, 2, 4 or 8 */
     double gamma[DPH_PANELS + 1];  /* panel ends */
     double time[DPH_PANELS + 1];   /* t(gamma) there [s] */
 } dph_corner_law;
 
-/* Prepare the law. Given: corner, speeds > 0 [m/s]. Cost: 16 evaluations of sigma / v per panel. */
+/* Prepare the law. Given: corner, speeds > 0 [m/s]. Cost: six evaluations of sigma / v per piece; of 16 panels 0.4 us on a 3 GHz core. */
 void dph_corner_law_make(const dph_corner *corner, double entry_speed, double mid_speed, dph_corner_law *law);
 
-/* The curve parameter at time t in [0, duration] [s] (eq. (27), safeguarded). Cost: about 3 quadratures of 16 points. */
-double dph_corner_law_gamma(const dph_corner_law *law, double time);
+/* The curve parameters at n times in [0, duration] [s] (eq. (27)).
+ * Returned: gamma (n); steps (n), how many of Newton's method each took, or NULL where nobody asks.
+ * Cost:     a step costs six evaluations of sigma / v per piece and a series: 0.08 us for one step, which is what V_N > V_B / 20 takes. */
+void dph_corner_law_gamma(const dph_corner_law *law, int n, const double *time, double *gamma, int *steps);
 
 /* ---- Plan (plan.c; paper.c, superposition.c, paper_limited.c and time_optimal.c hold the laws) ------------------------------------------- */
 

@@ -18,9 +18,6 @@ dph_verdict dph_refuse(dph_status status, dph_phase phase, int joint, double req
 dph_verdict dph_accept(void);
 dph_verdict dph_unfinished(void);
 
-/* Can the robot be at a point (3) [m]: reach, joint range, dexterity. */
-dph_verdict dph_pose_check(const dph_robot *robot, const double point[3], dph_phase phase);
-
 /* Fill in pieces, boundaries, lengths and deviations of a plan whose task is finite and positive and whose direction and traverse are
  * known; or refuse. */
 dph_verdict dph_paper_make(dph_plan *plan);
@@ -42,6 +39,9 @@ enum { DPH_CORNER_UNITS = 50 };
 void dph_paper_at(const dph_plan *plan, int piece, double t, dph_planar *motion);
 void dph_superposition_at(const dph_plan *plan, int piece, double t, dph_planar *motion);
 void dph_time_optimal_at(const dph_plan *plan, int piece, double t, dph_planar *motion);
+
+/* dph_superposition_at without arc length. */
+void dph_superposition_motion(const dph_plan *plan, int piece, double t, dph_planar *motion);
 
 /* Peaks of a plan in slices: 1 once they are complete. */
 void dph_peaks_begin(dph_peak_search *search);

@@ -34,6 +34,7 @@ static void side_at(const dph_plan *plan, int place, int phase, double t, double
 {
     const dph_side *side = &plan->side[place];
     const dph_corner *corner = &side->corner.corner;
+    double gamma;
     Line s;
     memset(d, 0, 4 * sizeof *d);
     switch (phase) {
@@ -44,7 +45,8 @@ static void side_at(const dph_plan *plan, int place, int phase, double t, double
         *arc_length = s[0];
         break;
     case 1:
-        dph_corner_law_motion(&side->corner, dph_corner_law_gamma(&side->corner, t), d, arc_length);
+        dph_corner_law_gamma(&side->corner, 1, &t, &gamma, NULL);
+        dph_corner_law_motion(&side->corner, gamma, d, arc_length);
         d[0][1] += side->lift_length;
         *arc_length += side->lift_length;
         break;
@@ -83,7 +85,11 @@ void dph_paper_move(dph_plan *plan)
         /* Without a corner the traverse begins at rest: eq. (30) with V_B = 0. */
         double entry_speed = corner.length > 0.0 ? task->corner_entry_speed : 0.0;
         if (entry_speed > 0.0) {
-            dph_corner_law_make(&corner, entry_speed, task->corner_mid_speed, &side->corner);
+            /* Equal corners are solved once (section 5, 2a). */
+            if (which == 1 && memcmp(&corner, &plan->side[0].corner.corner, sizeof corner) == 0)
+                side->corner = plan->side[0].corner;
+            else
+                dph_corner_law_make(&corner, entry_speed, task->corner_mid_speed, &side->corner);
             side->lift_duration = 2.0 * side->lift_length / entry_speed;
         }
         side->cruise_duration = 2.0 * side->cruise_length / (entry_speed + task->traverse_speed);

@@ -6,7 +6,6 @@
 #include <string.h>
 
 #include "corner_law.h"
-#include "delta_arms.h"
 #include "laws.h"
 
 const dph_phase dph_segment_phase[SEGMENTS] = {DPH_PHASE_LIFT,       DPH_PHASE_PICK_CORNER,  DPH_PHASE_ACCELERATE,
@@ -240,53 +239,4 @@ void dph_path_by_parameter(const dph_plan *plan, int segment, double x, double d
     }
     *ds = s1;
     *arc_length = place ? plan->length - length : length;
-}
-
-/* Least dexterity on a path; at the sources' default robot the paper's path keeps above 0.7. */
-static const double least_dexterity = 0.1;
-
-dph_verdict dph_pose_check(const dph_robot *robot, const double point[3], dph_phase phase)
-{
-    dph_pose pose;
-    dph_verdict verdict = dph_pose_at(robot, point, &pose);
-    verdict.phase = phase;
-    if (verdict.status != DPH_STATUS_OK)
-        return verdict;
-    for (int i = 0; i < 3; ++i) {
-        double theta = atan2(pose.direction[i][1], pose.direction[i][0]);
-        if (theta < robot->joint_position_min)
-            return dph_refuse(DPH_STATUS_JOINT_RANGE, phase, i + 1, theta, robot->joint_position_min);
-        if (theta > robot->joint_position_max)
-            return dph_refuse(DPH_STATUS_JOINT_RANGE, phase, i + 1, theta, robot->joint_position_max);
-    }
-    double dexterity = dph_pose_dexterity(robot, &pose);
-    if (!(dexterity >= least_dexterity))
-        return dph_refuse(DPH_STATUS_SINGULAR, phase, 0, least_dexterity, dexterity);
-    return verdict;
-}
-
-/* Points at most 2.5 mm apart. With a dexterity of at least 0.1 at its ends no such interval can hide a singularity: 1.25 mm turn a joint
- * by at most 1.25 mm / (0.1 * upper arm length), which changes the dexterity by less than it is. */
-dph_verdict dph_path_check(const dph_plan *plan, dph_cursor *cursor, int *units)
-{
-    static const double spacing = 2.5e-3;
-    for (; cursor->part < SEGMENTS; ++cursor->part, cursor->point = 0) {
-        int segment = cursor->part, place = segment >= 3;
-        const double *origin = place ? plan->task.place : plan->task.pick;
-        double begin = plan->segment_arc[segment], length = plan->segment_arc[segment + 1] - begin;
-        int intervals = length > 0.0 ? 4 + (int)(length / spacing) : -1; /* none */
-        for (; cursor->point <= intervals; ++cursor->point, --*units) {
-            if (*units <= 0)
-                return dph_unfinished();
-            double at = begin + length * cursor->point / intervals, d[4][2], point[3];
-            dph_path_at(plan, segment, place ? plan->length - at : at, d);
-            for (int k = 0; k < 2; ++k)
-                point[k] = origin[k] + d[0][0] * plan->direction[k];
-            point[2] = origin[2] + d[0][1];
-            dph_verdict verdict = dph_pose_check(&plan->robot, point, dph_segment_phase[segment]);
-            if (verdict.status != DPH_STATUS_OK)
-                return verdict;
-        }
-    }
-    return dph_accept();
 }

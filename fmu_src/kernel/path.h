@@ -13,13 +13,15 @@ extern const dph_phase dph_segment_phase[SEGMENTS];
  * segment_arc, length, corner_deviation; or refuse. */
 dph_verdict dph_path_make(dph_plan *plan);
 
-/* Where a check of the path's points stands; zero where it begins. */
+/* Where the check of a path stands: at what parameter, in which piece; zero where it begins. */
 typedef struct dph_cursor {
-    int part, point;
+    double at;
+    int piece, unused; /* fills the gap after it */
 } dph_cursor;
 
-/* Check points of the path, without motion: as dph_plan_make refuses them. PLANNING where units have run out first. Cost: a unit per
- * point, 2.5 mm apart. */
+/* Can the robot follow a path that is laid (path_check.c)? Of the comparison law, whose path comes with its motion: once that is made.
+ * Fails: UNREACHABLE, JOINT_RANGE or SINGULAR, with the phase; PLANNING where units have run out first. Cost: a unit per pose, one wherever
+ * the last one vouches for no more of the path: some ten in the middle of the workspace, at most a million. */
 dph_verdict dph_path_check(const dph_plan *plan, dph_cursor *cursor, int *units);
 
 /* The path at an arc length from its nearer end, the pick point for segments 0 to 2, the place point for segments 3 to 5.

@@ -147,37 +147,11 @@ static dph_verdict joints_at(const dph_robot *robot, double payload, dph_setpoin
                     setpoint->joint_jerk);
     memcpy(motion.point_dd, setpoint->tcp_acceleration, sizeof motion.point_dd);
     dph_pose_dynamics(robot, &pose, payload, &motion);
-    for (int i = 0; i < 3; ++i)
-        setpoint->joint_position[i] = atan2(pose.direction[i][1], pose.direction[i][0]);
+    dph_pose_angles(&pose, setpoint->joint_position);
     memcpy(setpoint->joint_velocity, motion.theta_d, sizeof motion.theta_d);
     memcpy(setpoint->joint_acceleration, motion.theta_dd, sizeof motion.theta_dd);
     memcpy(setpoint->joint_torque, motion.torque, sizeof motion.torque);
     return verdict;
-}
-
-/* Points 2.5 mm apart on average and never 10 mm. With a dexterity of at least 0.1 at its ends no such interval can hide a singularity:
- * 5 mm turn a joint by at most 5 mm / (0.1 * upper arm length), which changes the dexterity by less than it is. */
-static dph_verdict path_check(const dph_plan *plan, dph_cursor *cursor, int *units)
-{
-    static const double spacing = 2.5e-3, most_intervals = 1e6;
-    for (; cursor->part < plan->pieces; ++cursor->part, cursor->point = 0) {
-        int piece = cursor->part;
-        double length = plan->arc_boundary[piece + 1] - plan->arc_boundary[piece];
-        int intervals = 4 + (int)fmin(length / spacing, most_intervals); /* also where the length has overflowed to no number */
-        double begin = plan->boundary[piece], step = (plan->boundary[piece + 1] - begin) / intervals;
-        if (!(plan->boundary[piece + 1] > begin))
-            continue; /* a phase that this path does not have */
-        for (; cursor->point <= intervals; ++cursor->point, --*units) {
-            if (*units <= 0)
-                return dph_unfinished();
-            dph_setpoint setpoint;
-            tcp_at(plan, piece, (begin + step * cursor->point) / plan->speed_factor, &setpoint);
-            dph_verdict verdict = dph_pose_check(&plan->robot, setpoint.tcp_position, plan->phase[piece]);
-            if (verdict.status != DPH_STATUS_OK)
-                return verdict;
-        }
-    }
-    return dph_accept();
 }
 
 static dph_verdict begin(const dph_robot *robot, const dph_task *task, dph_progress *progress, dph_workspace *workspace, dph_plan *plan)
@@ -220,7 +194,7 @@ static dph_verdict law_continue(dph_progress *progress, dph_workspace *workspace
     return dph_refuse(DPH_STATUS_INVALID_VALUE, DPH_PHASE_IDLE, 0, 0.0, plan->task.law);
 }
 
-/* The law, the clock, and points of the path as the robot will see them; time_optimal has checked them on its way. */
+/* The law, the clock, and whether the robot can follow; the laws within limits have asked that before their search. */
 static dph_verdict proceed(dph_progress *progress, dph_workspace *workspace, dph_plan *plan, int units)
 {
     if (!progress->has_law) {
@@ -234,7 +208,9 @@ static dph_verdict proceed(dph_progress *progress, dph_workspace *workspace, dph
         align(plan);
         progress->has_law = 1;
     }
-    return plan->task.law == DPH_LAW_TIME_OPTIMAL ? dph_accept() : path_check(plan, &progress->cursor, &units);
+    if (plan->task.law == DPH_LAW_PAPER_LIMITED || plan->task.law == DPH_LAW_TIME_OPTIMAL)
+        return dph_accept();
+    return dph_path_check(plan, &progress->cursor, &units);
 }
 
 dph_verdict dph_plan_begin(const dph_robot *robot, const dph_task *task, dph_workspace *workspace, dph_plan *plan)

@@ -1,4 +1,4 @@
-/* Gauss-Legendre quadrature with 16 points: nodes and weights on [-1, 1], Abramowitz and Stegun table 25.4, to double precision. */
+/* Gauss-Legendre quadrature with 16 and with 6 points: nodes and weights on [-1, 1], Abramowitz and Stegun table 25.4, to double precision. */
 #ifndef DELTAPH_QUADRATURE_H
 #define DELTAPH_QUADRATURE_H
 
@@ -22,6 +22,20 @@ static inline double gauss_integral(double (*f)(double x, const void *context), 
     for (int i = 0; i < GAUSS_PAIRS; ++i) {
         double offset = half * gauss_node[i];
         sum += gauss_weight[i] * (f(centre - offset, context) + f(centre + offset, context));
+    }
+    return half * sum;
+}
+
+static const double gauss_node_6[3] = {0.23861918608319690863, 0.66120938646626451366, 0.93246951420315202781};
+static const double gauss_weight_6[3] = {0.46791393457269104739, 0.36076157304813860757, 0.17132449237917034504};
+
+/* The same with 6 points: rho^-12. */
+static inline double gauss_integral_6(double (*f)(double x, const void *context), const void *context, double a, double b)
+{
+    double centre = 0.5 * (a + b), half = 0.5 * (b - a), sum = 0.0;
+    for (int i = 0; i < 3; ++i) {
+        double offset = half * gauss_node_6[i];
+        sum += gauss_weight_6[i] * (f(centre - offset, context) + f(centre + offset, context));
     }
     return half * sum;
 }

@@ -29,7 +29,7 @@ static double stroke_duration(double length, double speed)
 
 /* Motion without arc length. Pieces: lift, overlap, traverse, overlap, lower; those after the middle are the mirror image of their
  * counterparts, run backwards in time from the place point. */
-static void motion_at(const dph_plan *plan, int piece, double t, dph_planar *motion)
+void dph_superposition_motion(const dph_plan *plan, int piece, double t, dph_planar *motion)
 {
     double end = plan->boundary[5], s[4];
     int place = piece > 2 || (piece == 2 && t > 0.5 * end);
@@ -60,7 +60,7 @@ static double speed(double t, const void *context)
 {
     const Piece *piece = context;
     dph_planar motion;
-    motion_at(piece->plan, piece->piece, t, &motion);
+    dph_superposition_motion(piece->plan, piece->piece, t, &motion);
     return hypot(motion.d[1][0], motion.d[1][1]);
 }
 
@@ -77,7 +77,7 @@ static double arc_length(const dph_plan *plan, int piece, double from, double to
 
 void dph_superposition_at(const dph_plan *plan, int piece, double t, dph_planar *motion)
 {
-    motion_at(plan, piece, t, motion);
+    dph_superposition_motion(plan, piece, t, motion);
     /* From the nearer end of the piece, so that both ends are exact. */
     double begin = plan->boundary[piece], end = plan->boundary[piece + 1];
     motion->arc_length = t < 0.5 * (begin + end) ? plan->arc_boundary[piece] + arc_length(plan, piece, begin, t)
@@ -88,7 +88,7 @@ void dph_superposition_at(const dph_plan *plan, int piece, double t, dph_planar 
 static double approach(const dph_plan *plan, int piece, double t, double *distance)
 {
     dph_planar motion;
-    motion_at(plan, piece, t, &motion);
+    dph_superposition_motion(plan, piece, t, &motion);
     double x = motion.d[0][0], z = motion.d[0][1] - plan->task.lift[motion.side];
     *distance = hypot(x, z);
     return x * motion.d[1][0] + z * motion.d[1][1];

@@ -42,7 +42,21 @@ def table(path: Path) -> list[dict[str, str]]:
 
 def test_version_and_help(tmp_path: Path) -> None:
     assert deltaph("--version", cwd=tmp_path).stdout.startswith("deltaph ")
-    for command in ("init", "schema", "plan", "build", "run", "record", "view", "compare", "export", "paper", "header", "bench"):
+    for command in (
+        "init",
+        "schema",
+        "plan",
+        "build",
+        "run",
+        "record",
+        "view",
+        "compare",
+        "export",
+        "paper",
+        "header",
+        "zenoh-config",
+        "bench",
+    ):
         result = deltaph(command, "--help", cwd=tmp_path)
         assert result.returncode == 0, result.stderr
         assert "Usage" in result.stdout
@@ -52,6 +66,24 @@ def test_init_writes_a_scenario_that_plans_and_never_overwrites(tmp_path: Path) 
     assert deltaph("init", cwd=tmp_path).returncode == 0
     assert deltaph("plan", "scenario.toml", cwd=tmp_path).returncode == 0
     assert_refused(deltaph("init", cwd=tmp_path), 2, "scenario.toml exists")
+
+
+def test_zenoh_configurations_are_printed_and_read(tmp_path: Path) -> None:
+    for name in ("cell", "client"):
+        printed = deltaph("zenoh-config", name, cwd=tmp_path)
+        assert printed.returncode == 0, printed.stderr
+        (tmp_path / f"{name}.json5").write_text(printed.stdout, encoding="utf-8")
+        assert f"deltaph zenoh-config {name} > {name}.json5" in printed.stdout
+    assert_refused(deltaph("zenoh-config", "router", cwd=tmp_path), 2, "'router'", "choose cell or client")
+    # the example as it is: there are no certificates yet
+    assert_refused(deltaph("run", PAPER, "--zenoh-config", "cell.json5", cwd=tmp_path), 2, "cannot listen on tls/[::]:7447")
+    missing = deltaph("record", "-o", "a.rrd", "--zenoh-config", "missing.json5", cwd=tmp_path)
+    assert_refused(missing, 2, "cannot read the Zenoh configuration missing.json5: No such file")
+
+
+def test_name_of_the_cell_is_checked(tmp_path: Path) -> None:
+    assert_refused(deltaph("run", PAPER, "--cell", "a/b", cwd=tmp_path), 2, "'a/b' does not fit into a Zenoh key")
+    assert_refused(deltaph("run", PAPER, "--cell", "a", "--no-telemetry", cwd=tmp_path), 2, "--cell", "need telemetry")
 
 
 def test_no_command_is_answered_with_the_help_alone(tmp_path: Path) -> None:

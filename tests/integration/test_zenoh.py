@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -10,16 +11,20 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 import zenoh
 from integration.synthetic_cell import frames, values_of
 
 from deltaph.errors import EnvironmentProblem
+from deltaph.frame import Frame
 from deltaph.telemetry import DEFAULT_ENDPOINT, EVENT_KINDS, BackgroundSink, Message, Publisher, Subscriber, layout, schema_document
+from deltaph.telemetry.publisher import HISTORY
 
 CELL = "test-cell"
 DEADLINE = 20.0  # [s]
+PLAIN_CLIENT = Path(__file__).parents[2] / "telemetry" / "plain_client.py"
 
 FOREIGN_READER = """
 import json, struct, sys, threading
@@ -76,9 +81,23 @@ def free_endpoint() -> str:
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
+def wait_until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + DEADLINE
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def publish_in_real_time(publisher: Publisher, offered: list[Frame]) -> None:
+    begin = time.perf_counter()
+    for frame in offered:
+        time.sleep(max(0.0, begin + frame.time - time.perf_counter()))
+        publisher.take(frame)
+
+
 @contextmanager
-def cell(scenario: str = '{"title": "a test"}') -> Iterator[Publisher]:
-    publisher = Publisher(CELL, scenario, listen=[free_endpoint()])
+def cell(scenario: str = '{"title": "a test"}', history: int = HISTORY) -> Iterator[Publisher]:
+    publisher = Publisher(CELL, scenario, listen=[free_endpoint()], history=history)
     try:
         yield publisher
     finally:
@@ -125,6 +144,26 @@ def test_foreign_reader_decodes_every_message_at_1_khz() -> None:
     for name in ("setpoint", "actual", "timing"):
         assert read["messages"][name] == [{"sequence": frame.step, **values_of(frame)[name]} for frame in offered]
     assert read["messages"]["plan"] == [{"sequence": 0, **values_of(offered[0])["plan"]}]
+
+
+def test_plain_client_works_where_there_is_no_deltaph(tmp_path: Path) -> None:
+    client = tmp_path / "client.py"
+    shutil.copy(PLAIN_CLIENT, client)
+    (tmp_path / "deltaph.py").write_text("raise ImportError('the client must not need it')", encoding="utf-8")
+    offered = frames(200)
+    with cell() as publisher:
+        command = [sys.executable, str(client), publisher.endpoints[0], CELL]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as reader:
+            publisher.wait_for_subscribers(1, DEADLINE)
+            publish_in_real_time(publisher, [*offered[:100], *offered[102:]])
+            publisher.set_summary("{}")
+            publisher.close()
+            output, _ = reader.communicate(timeout=DEADLINE)
+    assert reader.returncode == 0
+    lines = output.splitlines()
+    joints = [values_of(offered[0])["setpoint"][f"joint[{i}].position"] for i in (1, 2, 3)]
+    assert lines[0] == "0.000 s " + " ".join(f"{joint:.6f}" for joint in joints) + " rad"
+    assert {"setpoint: 198 received, 2 missing", "actual: 198 received, 2 missing", "plan: 1 received, 0 missing"} <= set(lines)
 
 
 def test_subscriber_gets_messages_documents_and_the_end() -> None:
@@ -186,6 +225,77 @@ def test_lost_frames_show_as_gaps() -> None:
     assert kinds == ["plan_accepted", "phase", "dropped", "dropped"]
     assert [int(record["count"]) for record in events[2:]] == [2, 1]
     assert [int(record["sequence"]) for record in events] == [0, 1, 2, 3]
+
+
+def test_who_comes_late_gets_what_was_before_and_then_what_comes_in_order_and_once() -> None:
+    offered = frames(3000)
+    with cell() as publisher:
+        streaming = threading.Thread(target=publish_in_real_time, args=(publisher, offered))
+        streaming.start()
+        wait_until(lambda: publisher.published > 1000)
+        with following(publisher) as (subscriber, read):
+            joined = publisher.published
+            streaming.join()
+            publisher.set_summary("{}")
+            publisher.close()
+            messages = read()
+    assert joined < len(offered), "it did not come while messages were sent"
+    for name in ("setpoint", "actual", "timing"):
+        assert [int(m.record["sequence"]) for m in messages if m.name == name] == list(range(len(offered)))
+    assert [int(m.record["sequence"]) for m in messages if m.name == "plan"] == [0]
+    assert set(subscriber.missing.values()) == {0}
+
+
+def test_the_past_is_what_the_cell_keeps_or_as_much_as_is_asked_for() -> None:
+    offered = frames(100)
+    with cell(history=20) as publisher:
+        for frame in offered[:60]:
+            publisher.take(frame)
+        for wanted, first in ((None, 40), (5, 55), (0, 60)):
+            with Subscriber(CELL, publisher.endpoints, timeout=DEADLINE, history=wanted) as subscriber:
+                subscriber.wait_for_cell(DEADLINE)
+                publisher.wait_for_subscribers(1, DEADLINE)
+                before = subscriber.collect(0.5)["setpoint"]["sequence"].tolist()
+                assert before == list(range(first, 60))
+                if wanted == 0:
+                    publisher.take(offered[60])
+                    assert next(subscriber.messages()).record["sequence"] == 60
+                assert set(subscriber.missing.values()) == {0}
+
+
+def test_what_is_lost_at_the_very_end_is_counted() -> None:
+    with cell(history=1) as publisher, following(publisher) as (subscriber, read):
+        for frame in frames(10):
+            publisher.take(frame)
+        publisher._last_step += 3  # as if three more had been sent
+        publisher.set_summary("{}")
+        publisher.close()
+        read()
+    assert subscriber.missing == {"setpoint": 3, "actual": 3, "timing": 3, "plan": 0, "event": 0}
+
+
+def test_cell_of_the_same_name_is_refused() -> None:
+    with cell() as publisher:
+        with pytest.raises(EnvironmentProblem, match=f"a cell {CELL} is there already: give this one another name with --cell"):
+            Publisher(CELL, "{}", listen=[free_endpoint()], connect=publisher.endpoints)
+        Publisher("another", "{}", listen=[free_endpoint()], connect=publisher.endpoints).close()
+    with cell():  # who has gone is not in the way
+        pass
+
+
+def test_messages_are_collected_as_arrays() -> None:
+    offered = frames(50)
+    with cell() as publisher, Subscriber(CELL, publisher.endpoints, timeout=DEADLINE) as subscriber:
+        subscriber.wait_for_cell(DEADLINE)
+        publisher.wait_for_subscribers(1, DEADLINE)
+        for frame in offered:
+            publisher.take(frame)
+        publisher.set_summary("{}")
+        publisher.close()
+        got = subscriber.collect()
+    for name in ("setpoint", "actual", "timing"):
+        assert got[name].tobytes() == layout(name).records(offered).tobytes()
+    assert got["actual"]["joint[1].position"].shape == (50,)
 
 
 def test_killed_cell_ends_the_messages() -> None:

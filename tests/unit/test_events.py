@@ -6,7 +6,7 @@ import struct
 import pytest
 from integration.synthetic_cell import frames
 
-from deltaph.frame import TIMING, Frame
+from deltaph.frame import COMMANDS, OUTCOMES, TIMING, Frame
 from deltaph.telemetry import EVENT_KINDS, layout, schema_document
 from deltaph.telemetry.events import EventWatch, level, sentence
 from deltaph.variables import Model, variable_table
@@ -67,6 +67,21 @@ def test_missed_deadlines_are_counted() -> None:
     assert seen(offered)[2:] == [
         (2, "missed_deadline", "WARN", "deadline missed, 1 so far"),
         (4, "missed_deadline", "WARN", "deadline missed, 3 so far"),
+    ]
+
+
+def test_commands_are_counted_by_what_became_of_them() -> None:
+    offered = rest()
+    counts = offered[0].commands.copy()
+    counts[COMMANDS.index("hold"), OUTCOMES.index("accepted")] = 1
+    counts[COMMANDS.index("ppo"), OUTCOMES.index("busy")] = 3
+    more = counts.copy()
+    more[COMMANDS.index("none"), OUTCOMES.index("invalid")] = 1
+    offered[2:] = [frame._replace(commands=more if frame.step == 5 else counts) for frame in offered[2:]]
+    assert seen(offered)[2:] == [
+        (2, "command_refused", "WARN", "command ppo refused, busy: 3 so far"),
+        (2, "command_accepted", "INFO", "command hold accepted, 1 so far"),
+        (5, "command_refused", "WARN", "command none refused, invalid: 1 so far"),
     ]
 
 

@@ -1,10 +1,12 @@
 """The memory of a run's frames."""
 
+import weakref
+
 import numpy as np
 import pytest
 from integration.synthetic_cell import random_frame
 
-from deltaph.frame import Frame, Frames, columns
+from deltaph.frame import BLOCK_FRAMES, Frame, Frames, RecentFrames, columns
 
 GIVEN = [random_frame(step) for step in range(5)]
 
@@ -41,3 +43,24 @@ def test_a_frame_cannot_be_written() -> None:
     frame = kept(GIVEN, 5)[0]
     with pytest.raises(ValueError, match="read-only"):
         frame.plant_floats[0] = 1.0
+
+
+def test_recent_frames_live_as_long_as_somebody_keeps_one_of_their_block() -> None:
+    recent = RecentFrames()
+    kept, blocks = [], []
+    for n in range(5 * BLOCK_FRAMES):
+        given = GIVEN[n % len(GIVEN)]
+        planner, plant = (given.planner_floats, given.planner_integers), (given.plant_floats, given.plant_integers)
+        frame = recent.append(float(n), n, planner, plant, given.timing.tolist())
+        assert (frame.step, frame.time) == (n, float(n))
+        if n % BLOCK_FRAMES == 0:
+            assert frame.planner_floats.base is not None
+            blocks.append(weakref.ref(frame.planner_floats.base))
+        if n == BLOCK_FRAMES + 7:
+            kept.append(frame)
+        del frame
+    alive = [block() is not None for block in blocks]
+    assert alive == [False, True, False, False, True]  # the one that is kept, and the one that is written
+    np.testing.assert_array_equal(kept[0].plant_floats, GIVEN[(BLOCK_FRAMES + 7) % len(GIVEN)].plant_floats)
+    kept.clear()
+    assert blocks[1]() is None

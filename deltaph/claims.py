@@ -1,0 +1,27 @@
+"""Claims of the paper, held against measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rich.console import Console
+from rich.table import Table
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """What the paper says, what is found, and what to make of it."""
+
+    claim: str
+    paper: str
+    measured: str
+    verdict: str
+
+
+def print_claims(console: Console, claims: Sequence[dict[str, str]], title: str) -> None:
+    """Claims, as dictionaries, as a table."""
+    table = Table("claim", "the paper", "measured", "verdict", title=title, show_lines=True)
+    for claim in claims:
+        table.add_row(*claim.values())
+    console.print(table)

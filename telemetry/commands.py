@@ -1,0 +1,374 @@
+"""Commands to a cell: queries to `deltaph/{cell}/command/{name}`, JSON both ways, SI, every one answered with one reply.
+
+A refusal is a reply too, with `accepted` false and the reason; only a query that names no single command gets an error.
+"""
+
+from __future__ import annotations
+
+import reprlib
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Annotated, Any, Protocol, Self
+
+import zenoh
+from annotated_types import Ge, Le
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from deltaph.errors import EnvironmentProblem
+from deltaph.frame import COMMANDS, NO_COMMANDS, OUTCOMES, Command, Outcome
+from deltaph.telemetry.keys import CellKeys
+from deltaph.telemetry.session import open_client_session, replies
+
+MAX_REQUEST = 4096
+"""A request is refused unread beyond this [bytes]."""
+
+VERDICT_TIMEOUT = 5.0
+"""A PPO is answered by then, if only with `failed` [s]."""
+
+_ANSWER_TIMEOUT = VERDICT_TIMEOUT + 1.0  # of a client [s]
+
+NonNegative = Annotated[float, Ge(0)]
+Point = tuple[float, float, float]
+PerSide = NonNegative | tuple[NonNegative, NonNegative]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+
+class NoRequest(_Model):
+    """Of `hold`, `resume` and `stop`: nothing, or {}."""
+
+
+class FeedRequest(_Model):
+    """Of `feed`: the path-speed override."""
+
+    value: Annotated[float, Ge(0), Le(1)] = Field(
+        description="1 as planned, 0 stops on the path; under a hold it waits for `resume`"
+    )
+
+
+class PpoRequest(_Model):
+    """Of `ppo`: a pick-and-place operation. What is absent is the scenario's; pairs are pick side, place side."""
+
+    place: Point = Field(description="place point in the base frame [m]")
+    pick: Point | None = Field(None, description="pick point [m]; absent: where the robot rests once it has done all it was told")
+    lift: PerSide | None = Field(None, description="lift height above the points [m]")
+    corner_deviation: PerSide | None = Field(None, description="prescribed corner deviation [m]")
+    payload: NonNegative | None = Field(None, description="mass that is carried, declared and real [kg]")
+    dwell: NonNegative | None = Field(None, description="rest at the pick point before the motion [s]; absent: none")
+
+
+REQUESTS: dict[Command, type[NoRequest | FeedRequest | PpoRequest]] = {
+    "ppo": PpoRequest,
+    "hold": NoRequest,
+    "resume": NoRequest,
+    "stop": NoRequest,
+    "feed": FeedRequest,
+}
+"""What a command takes."""
+
+_MEANING: dict[Command, str] = {
+    "ppo": "Plan a pick-and-place operation and run it; one may wait while another runs",
+    "hold": "Stop on the path, with bounded jerk; what is accepted waits",
+    "resume": "Go on after hold or stop, at the feed that was set last",
+    "stop": "As hold, and refuse every ppo until resume. What was accepted before goes on then: the planner cannot forget it",
+    "feed": "Set the path-speed override",
+}
+
+
+class PlanFacts(_Model):
+    """An accepted plan, named as the planner's outputs `plan.*`."""
+
+    count: int = Field(description="number of the plan, from 1")
+    duration: float = Field(description="of its motion, without the dwell [s]")
+    corner_deviation_pick: float = Field(description="[m]")
+    corner_deviation_place: float = Field(description="[m]")
+    waits: bool = Field(description="another one runs before it")
+    start_time: float | None = Field(
+        description="simulation time at which it begins [s]; null where it depends on the feed, or steps are longer than 1 ms"
+    )
+
+
+class RefusedPlan(_Model):
+    """Why a task is not planned, named as the planner's outputs `plan.*`; quantities in SI."""
+
+    status: str = Field(description="an item of PlanStatus")
+    phase: str = Field(description="where on the path, an item of Phase; idle where no phase is meant")
+    joint: int = Field(description="1 to 3; 0 where none is meant")
+    required: float
+    available: float
+
+
+class FeedFacts(_Model):
+    """The override as it is from now on."""
+
+    value: float = Field(description="the feed that was set last")
+    held: bool = Field(description="the planner's input is 0 until `resume`")
+    stopped: bool = Field(description="every ppo is refused until `resume`")
+
+
+class Reply(_Model):
+    """What became of a command."""
+
+    command: Command
+    accepted: bool
+    outcome: Outcome = Field(description="accepted, or why not")
+    time: float = Field(description="simulation time of the decision; of the override: when it is in force at the latest [s]")
+    reason: str | None = Field(None, description="of a refusal, one sentence")
+    plan: PlanFacts | None = Field(None, description="of an accepted ppo")
+    refused: RefusedPlan | None = Field(None, description="of a ppo that is not planned")
+    feed: FeedFacts | None = Field(None, description="of hold, resume, stop and feed")
+
+
+def commands_schema() -> dict[str, Any]:
+    """The commands for the queryable `schema`: JSON Schema of requests and of the reply."""
+    return {
+        "served": "only by a cell that was started with --serve; another one does not answer",
+        "key": "deltaph/{cell}/command/{name}",
+        "encoding": "application/json",
+        "max_request_bytes": MAX_REQUEST,
+        "requests": {
+            name: {"description": _MEANING[name], "schema": model.model_json_schema()} for name, model in REQUESTS.items()
+        },
+        "reply": Reply.model_json_schema(),
+    }
+
+
+class Cell(Protocol):
+    """Who carries commands out."""
+
+    @property
+    def time(self) -> float:
+        """Simulation time by which an override that is given now is in force [s]."""
+        ...
+
+    def override(self, command: Command, value: float | None) -> FeedFacts:
+        """Take hold, resume, stop or feed. At once, one call at a time."""
+        ...
+
+    def ppo(self, request: PpoRequest) -> Reply:
+        """Take a PPO; may wait. One call at a time, in a thread of its own."""
+        ...
+
+
+class CommandService:
+    """Answers the commands to a cell.
+
+    The override is taken in Zenoh's thread, at once and always. A PPO is handed to a thread of its own, one at a time; what comes
+    meanwhile is refused as busy, so that a flood costs its senders an answer and the step loop nothing.
+
+    Attributes:
+        counts: commands so far by outcome (COMMANDS, OUTCOMES); replaced, never written.
+
+    Args:
+        session: of the cell.
+        cell: its name.
+        carry_out: who does it.
+        journal: takes a line on every command.
+    """
+
+    def __init__(self, session: zenoh.Session, cell: str, carry_out: Cell, journal: Callable[[str], None]) -> None:
+        self.counts = NO_COMMANDS
+        self._keys = CellKeys(cell)
+        self._cell = carry_out
+        self._journal = journal
+        self._lock = threading.Lock()
+        self._free = True
+        self._ppo: tuple[zenoh.Query, bytes] | None = None
+        self._come = threading.Semaphore(0)
+        self._thread = threading.Thread(target=self._work, name="ppo", daemon=True)
+        self._thread.start()
+        self._queryable = session.declare_queryable(self._keys.commands, self._on_query)
+
+    def close(self) -> None:
+        """Take no more, and wait until what is under way is answered. A second call does nothing."""
+        if not self._thread.is_alive():
+            return
+        self._queryable.undeclare()  # type: ignore[no-untyped-call]
+        self._come.release()
+        self._thread.join()
+
+    def _on_query(self, query: zenoh.Query) -> None:
+        key = str(query.key_expr)
+        command = next((name for name in REQUESTS if key == self._keys.command(name)), None)
+        if command is None:
+            self._count("none", "invalid")
+            query.reply_err(f"{key} is no command: known are {', '.join(map(self._keys.command, REQUESTS))}".encode())
+            return
+        if command == "ppo":
+            with self._lock:
+                free, self._free = self._free, False
+            if not free:
+                self._reply(query, self._refusal(command, "busy", "busy: another PPO is being decided"))
+                return
+        length = 0 if query.payload is None else len(query.payload)
+        if length > MAX_REQUEST:
+            reason = f"the request has {length} bytes: at most {MAX_REQUEST}"
+            self._reply(query, self._refusal(command, "invalid", reason))
+            if command == "ppo":
+                self._free = True
+            return
+        payload = b"" if query.payload is None else query.payload.to_bytes()
+        if command == "ppo":
+            self._ppo = query, payload
+            self._come.release()
+        else:
+            self._override(query, command, payload)
+
+    def _override(self, query: zenoh.Query, command: Command, payload: bytes) -> None:
+        request = _parse(command, payload)
+        if isinstance(request, str):
+            self._reply(query, self._refusal(command, "invalid", request))
+            return
+        with self._lock:
+            feed = self._cell.override(command, request.value if isinstance(request, FeedRequest) else None)
+        self._reply(query, Reply(command=command, accepted=True, outcome="accepted", time=self._cell.time, feed=feed))
+
+    def _work(self) -> None:
+        """Decide one PPO after the other."""
+        while self._come.acquire():
+            if self._ppo is None:
+                return
+            (query, payload), self._ppo = self._ppo, None
+            request = _parse("ppo", payload)
+            reply = self._decide(request) if isinstance(request, PpoRequest) else self._refusal("ppo", "invalid", str(request))
+            self._reply(query, reply)
+            del query  # which ends it
+            self._free = True
+
+    def _decide(self, request: PpoRequest) -> Reply:
+        try:
+            return self._cell.ppo(request)
+        except Exception as error:  # a cell does not stop for what one request brings up; it says so
+            return self._refusal("ppo", "failed", f"the cell could not judge it: {type(error).__name__}: {error}")
+
+    def _refusal(self, command: Command, outcome: Outcome, reason: str) -> Reply:
+        return Reply(command=command, accepted=False, outcome=outcome, time=self._cell.time, reason=reason)
+
+    def _reply(self, query: zenoh.Query, reply: Reply) -> None:
+        self._count(reply.command, reply.outcome)
+        self._journal(f"command {reply.command} {sentence(reply)}")
+        document = reply.model_dump_json().encode()
+        query.reply(self._keys.command(reply.command), document, encoding=zenoh.Encoding.APPLICATION_JSON)
+
+    def _count(self, command: Command, outcome: Outcome) -> None:
+        with self._lock:
+            counts = self.counts.copy()
+            counts[COMMANDS.index(command), OUTCOMES.index(outcome)] += 1
+            counts.setflags(write=False)
+            self.counts = counts
+
+
+def sentence(reply: Reply) -> str:
+    """A reply in words."""
+    if not reply.accepted:
+        return f"refused ({reply.outcome}): {reply.reason}"
+    if reply.plan is not None:
+        plan = reply.plan
+        starts = "waits" if plan.start_time is None else f"starts at {plan.start_time:.3f} s"
+        deviations = f"{1e3 * plan.corner_deviation_pick:.4g} and {1e3 * plan.corner_deviation_place:.4g} mm"
+        return f"accepted: plan {plan.count}, {1e3 * plan.duration:g} ms, corner deviation {deviations}, {starts}"
+    if reply.feed is not None:
+        feed = reply.feed
+        state = "stopped" if feed.stopped else "held" if feed.held else "runs"
+        return f"accepted: {state}, feed {feed.value:g}, from {reply.time:.3f} s on"
+    return "accepted"
+
+
+def _parse(command: Command, payload: bytes) -> NoRequest | FeedRequest | PpoRequest | str:
+    """The request, or what is wrong with it."""
+    try:
+        return REQUESTS[command].model_validate_json(payload or b"{}")
+    except ValidationError as error:
+        errors = error.errors(include_url=False, include_context=False)
+        more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+        return _say(command, errors[0]) + more
+
+
+def _say(command: Command, error: Any) -> str:
+    key = ".".join(str(part) for part in error["loc"] if not str(part).startswith(("float", "tuple", "constrained")))
+    message = error["msg"][0].lower() + error["msg"][1:]
+    match error["type"]:
+        case "json_invalid":
+            return f"the request is not JSON: {message.removeprefix('invalid JSON: ')}"
+        case "extra_forbidden":
+            known = ", ".join(REQUESTS[command].model_fields) or "none"
+            return f"unknown key {reprlib.repr(key)}: known are {known}"
+        case "missing":
+            return f"key {key} is missing"
+        case _:
+            return f"{key or 'the request'} is {reprlib.repr(error['input'])}: {message}"
+
+
+class CommandClient:
+    """Sends commands to a cell, and waits for what becomes of them.
+
+    Args:
+        cell: name of the cell.
+        connect: endpoints to connect to, the first that answers is taken; without any those of `config`, or the default one.
+        timeout: for the connection [s]; None waits for ever.
+        config: a Zenoh configuration file, such as one with TLS.
+
+    Raises:
+        ValueError: the cell's name does not fit into a key.
+        EnvironmentProblem: nothing answers, an endpoint is none, or the file is no configuration.
+    """
+
+    def __init__(self, cell: str, connect: Sequence[str] = (), timeout: float | None = None, config: Path | None = None) -> None:
+        self._keys = CellKeys(cell)
+        self._session = open_client_session(connect, timeout, config)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def ppo(self, request: PpoRequest) -> Reply:
+        """Plan and run a pick-and-place operation."""
+        return self._send("ppo", request)
+
+    def hold(self) -> Reply:
+        """Stop on the path."""
+        return self._send("hold", NoRequest())
+
+    def resume(self) -> Reply:
+        """Go on after hold or stop."""
+        return self._send("resume", NoRequest())
+
+    def stop(self) -> Reply:
+        """Stop on the path, and refuse every PPO until `resume`."""
+        return self._send("stop", NoRequest())
+
+    def feed(self, value: float) -> Reply:
+        """Set the path-speed override, 0 to 1."""
+        return self._send("feed", FeedRequest(value=value))
+
+    def close(self) -> None:
+        """Close the session. A second call does nothing."""
+        if not self._session.is_closed():
+            self._session.close()  # type: ignore[no-untyped-call]
+
+    def _send(self, command: Command, request: BaseModel) -> Reply:
+        """Send a command.
+
+        Raises:
+            EnvironmentProblem: no cell takes it, or what answers is none of this version.
+        """
+        key = self._keys.command(command)
+        answers = replies(self._session, key, _ANSWER_TIMEOUT, request.model_dump_json(exclude_none=True).encode())
+        for answer in answers:
+            if answer.ok is not None:
+                try:
+                    return Reply.model_validate_json(answer.ok.payload.to_bytes())
+                except ValidationError as error:
+                    raise EnvironmentProblem(
+                        f"what answers {key} is not this version's: use the same deltaph on both sides"
+                    ) from error
+        raise EnvironmentProblem(
+            f"cell {self._keys.cell} takes no commands: start it with `deltaph run SCENARIO --serve`, "
+            f"or give its own --cell and --connect"
+        )

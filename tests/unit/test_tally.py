@@ -1,0 +1,84 @@
+"""What a cell without an end counts, beside what a run of the same frames would say."""
+
+import numpy as np
+import pytest
+from integration.synthetic_cell import RIGHT_ANGLE_PATH, frames
+
+from deltaph.execution import nearest_point
+from deltaph.frame import Frame
+from deltaph.tally import CHUNK, Begun, Tally
+from deltaph.variables import variable_table
+
+VERTICES = RIGHT_ANGLE_PATH[1:3]
+PRESCRIBED = (0.006, 0.006)
+
+
+def tool(given: list[Frame]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    groups = [v.group for v in variable_table("plant").of("output") if v.is_float]
+    columns = [[k for k, group in enumerate(groups) if group == name] for name in ("tcp_position", "tcp_velocity")]
+    rows = np.array([frame.plant_floats for frame in given])
+    return np.array([frame.time for frame in given]), rows[:, columns[0]], rows[:, columns[1]]
+
+
+def repeated(given: list[Frame], times: int) -> list[Frame]:
+    """The operation again and again."""
+    return [
+        frame._replace(step=k * len(given) + frame.step, time=(k * len(given) + frame.step) / 1000.0)
+        for k in range(times)
+        for frame in given
+    ]
+
+
+def counted(given: list[Frame], begun: list[Begun], tolerance: float = 0.0) -> Tally:
+    tally = Tally(tolerance)
+    tally.begun.extend(begun)
+    for frame in given:
+        tally.take(frame)
+    tally.close()
+    return tally
+
+
+def test_corners_are_those_of_the_whole_motion_wherever_a_chunk_ends() -> None:
+    for shift in range(0, CHUNK, 37):  # rest before the motion moves it through the chunks
+        motion = frames()
+        rest = [motion[0]._replace(step=k, time=k / 1000.0) for k in range(shift)]
+        given = rest + [frame._replace(step=frame.step + shift, time=frame.time + shift / 1000.0) for frame in motion]
+        tally = counted(given, [Begun(shift, 1, VERTICES, PRESCRIBED, PRESCRIBED)])
+        executed = [nearest_point(*tool(given), vertex)[0] for vertex in VERTICES]
+        assert tally.worst is not None
+        assert tally.worst.executed == pytest.approx(max(executed), abs=1e-12)
+        assert (tally.arrived, tally.corners, tally.kept) == (1, 2, sum(value <= 0.006 for value in executed))
+
+
+def test_plans_follow_each_other_and_the_worst_is_named() -> None:
+    given = repeated(frames(), 5)
+    begun = [Begun(354 * k, k + 1, VERTICES, (0.006 - 0.001 * (k == 2),) * 2, PRESCRIBED) for k in range(5)]
+    tally = counted(given, begun, tolerance=1.0)
+    assert (tally.arrived, tally.corners, tally.kept) == (5, 10, 10)
+    assert tally.worst is not None and tally.worst.plan == 3
+    facts = tally.facts()
+    assert facts["steps"] == len(given) - 1
+    assert sum(facts["timing"]["step_histogram_us"]["count"]) == len(given) - 1
+
+
+def test_plan_that_is_under_way_at_the_end_has_not_arrived() -> None:
+    given = [frame for frame in frames() if frame.step < 150]
+    tally = counted(given, [Begun(0, 1, VERTICES, PRESCRIBED, PRESCRIBED)])
+    assert (tally.arrived, tally.corners, tally.worst) == (0, 0, None)
+
+
+def test_side_without_a_corner_is_none() -> None:
+    tally = counted(frames(), [Begun(0, 1, VERTICES, PRESCRIBED, (0.006, 0.0))])
+    assert (tally.arrived, tally.corners) == (1, 1)
+
+
+def test_memory_does_not_grow() -> None:
+    tally = Tally(0.0)
+    for frame in repeated(frames(), 10):
+        tally.take(frame)
+        assert len(tally._frames) <= CHUNK + 3
+
+
+def test_nothing_came() -> None:
+    facts = counted([], []).facts()
+    assert (facts["steps"], facts["plans"]["worst"], facts["executed"]["trip"]) == (0, None, "none")
