@@ -98,6 +98,7 @@ def _coinciding_joints(plans: Sequence[Plan]) -> tuple[int, ...]:
 
 
 def _payload(scenario: Scenario, run: Schedule) -> list[tuple[float, float]]:
-    """What the robot really carries in the first pass, as (from when [s], mass [kg])."""
+    """What the robot really carries, as (from when on the planner's clock [s], mass [kg])."""
     faults = [(fault.time, fault.inputs["payload.mass"]) for fault in scenario.faults if "payload.mass" in fault.inputs]
-    return sorted([*run.payload_changes, *faults], key=lambda change: change[0])
+    changes = sorted([*run.payload_changes, *faults], key=lambda change: change[0])
+    return [(float(run.clock.at(np.array([time]))[0]), mass) for time, mass in changes]

@@ -297,6 +297,8 @@ class Recorder:
         """A row where another move begins; none after the last one."""
         idle = len(self._scene.moves)
         number = np.where(setpoint["path.phase"] == 0, idle, self._scene.move_at(setpoint["time"]))
+        if (number == idle).any():
+            self._world.ended = min(self._world.ended, float(setpoint["time"][number == idle][0]))
         changed = np.flatnonzero(np.diff(number, prepend=self._lanes.get("operation", -1)))
         if len(changed):
             names = ["none" if move == idle else self._scene.name_of(move) for move in number[changed].tolist()]

@@ -85,7 +85,7 @@ class Scene:
         platform_offsets: from the tool centre point to the forearms' joints on the platform (3, 3) [m].
         elbows: joint positions (n, 3) [rad] -> elbows (n, 3 arms, 3) [m].
         rod_spacing: half the distance between the two rods of a forearm, for the drawing [m].
-        payload: what the robot carries, as (from when [s], mass [kg]).
+        payload: what the robot carries, as (from when on the clock [s], mass [kg]); it repeats with the moves.
     """
 
     title: str
@@ -123,9 +123,19 @@ class Scene:
     def move_at(self, time: FloatArray) -> NDArray[np.intp]:
         """Number of the move that runs at times (n,) [s]; the first before, the last after, unless they repeat."""
         starts = [move.start for move in self.moves]
+        return np.maximum(np.searchsorted(starts, self._in_pass(time), side="right") - 1, 0)
+
+    def carried(self, time: FloatArray) -> FloatArray:
+        """The mass that the robot carries at times (n,) [s] (n,) [kg]."""
+        times, masses = np.array(self.payload).T
+        found: FloatArray = masses[np.maximum(np.searchsorted(times, self._in_pass(time), side="right") - 1, 0)]
+        return found
+
+    def _in_pass(self, time: FloatArray) -> FloatArray:
+        """Where the clock is at times (n,), counted from the last time that the moves began to repeat (n,) [s]."""
         # times are start + n·step: half a microsecond is far above their rounding and far below a step
         clock = self.clock(time) + 5e-7
-        return np.maximum(np.searchsorted(starts, clock % self.period if self.period else clock, side="right") - 1, 0)
+        return clock if self.period is None else clock % self.period
 
     def vertex_distance(self, time: FloatArray, position: FloatArray) -> FloatArray:
         """Distance of positions (n, 3) [m] at times (n,) [s] to the nearer vertex of the move that runs (n,) [m]."""

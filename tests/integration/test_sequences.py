@@ -274,7 +274,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     run, followed, report = folder / "run.rrd", folder / "followed.rrd", folder / "run.json"
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with process(DELTAPH, "record", "--connect", endpoint, "-o", followed) as recorder:
-        options = ("--realtime", "--listen", endpoint, "--wait-subscribers", 1, "--record", run, "--json", report)
+        options = ("--cycles", 2, "--realtime", "--listen", endpoint, "--wait-subscribers", 1, "--record", run, "--json", report)
         done = deltaph("run", STACK, *options, cwd=folder)
         assert done.returncode == 0, done.stderr
         _, said = recorder.communicate(timeout=60.0)
@@ -291,7 +291,7 @@ def test_recording_of_a_sequence_over_zenoh_equals_that_of_the_run(recorded: Rec
 
 def test_the_recording_shows_every_operation(recorded: Recorded) -> None:
     path, _, facts = recorded
-    recording, run = Recording(path), schedule(load_scenario(STACK))
+    recording, run = Recording(path), schedule(load_scenario(STACK), cycles=2)
     lane = recording.rows["/operation"]
     assert [state for (state,) in lane["StateChange:state"]] == [*(operation.move.name for operation in run.operations), "none"]
     assert lane["step"].tolist() == [*(operation.begin_ms for operation in run.operations), run.operations[-1].end_ms]
