@@ -135,8 +135,8 @@ def cost_claims(scenario: Scenario) -> list[Claim]:
     """The claims on cost, measured on this machine with a scenario of the paper's law."""
     plan = Plan.of(scenario)
     deviation = scenario.task.corner_deviation
-    slightly = replace(scenario.task, corner_deviation=(deviation[0], deviation[1] * SLIGHTLY))
-    unequal = Plan(scenario.robot, slightly, scenario.law)
+    task = replace(scenario.task, corner_deviation=(deviation[0], deviation[1] * SLIGHTLY))
+    unequal = Plan(scenario.robot, task, scenario.law, scenario.declared_payload, scenario.limits)
     time = corner_times(plan)
 
     def through_python() -> float:

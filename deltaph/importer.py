@@ -119,17 +119,17 @@ class _Requests:
         self._count, self._refused, self._status = (others.index(f"plan.{name}") for name in ("count", "refused", "status"))
 
     def post(self, step: int) -> None:
-        """Set the inputs of this communication point, whose outputs are there.
-
-        Raises:
-            DeltaphError: the operation that begins now is not planned: the run is not the one that was scheduled.
-        """
         self._check(step)
         values = self._pending.pop(step, None)
         if values is not None:
             self._planner.set(values)
 
     def _check(self, step: int) -> None:
+        """Whether the operation that begins now is planned.
+
+        Raises:
+            DeltaphError: it is not: the run is not the one that was scheduled.
+        """
         if self._begun == len(self._begins) or step < self._begins[self._begun][0]:
             return
         move, integers = self._begins[self._begun][1], self._planner.integers

@@ -82,18 +82,6 @@ def summary_markdown(scenario: Scenario, facts: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _pace(facts: Mapping[str, Any]) -> str:
-    """How long it takes, and of a sequence how much that is."""
-    sequence, plan = facts["sequence"], facts["plan"]
-    if sequence is not None:
-        parts = f"{sequence['parts']} part{'s' if sequence['parts'] > 1 else ''}"
-        rate = f"{sequence['parts_per_minute']:.1f} parts per minute"
-        return f"{parts} in {len(facts['operations'])} operations, {sequence['cycle_time_s']:.3f} s, **{rate}**"
-    operations = len({corner["operation"] for corner in facts["executed"]["corners"]})
-    times = f"{operations} operations of " if operations > 1 else ""
-    return f"{times}{1e3 * plan['duration_s']:g} ms ({1e3 * plan['nominal_duration_s']:.3f} ms before alignment)"
-
-
 def serving_markdown(scenario: Scenario, facts: Mapping[str, Any]) -> str:
     """The summary of a cell that served, as the text of a recording.
 
@@ -120,6 +108,18 @@ def serving_markdown(scenario: Scenario, facts: Mapping[str, Any]) -> str:
         *_provenance(scenario, facts["provenance"]),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _pace(facts: Mapping[str, Any]) -> str:
+    """How long it takes, and of a sequence how much that is."""
+    sequence, plan = facts["sequence"], facts["plan"]
+    if sequence is not None:
+        parts = f"{sequence['parts']} part{'s' if sequence['parts'] > 1 else ''}"
+        rate = f"{sequence['parts_per_minute']:.1f} parts per minute"
+        return f"{parts} in {len(facts['operations'])} operations, {sequence['cycle_time_s']:.3f} s, **{rate}**"
+    operations = len({corner["operation"] for corner in facts["executed"]["corners"]})
+    times = f"{operations} operations of " if operations > 1 else ""
+    return f"{times}{1e3 * plan['duration_s']:g} ms ({1e3 * plan['nominal_duration_s']:.3f} ms before alignment)"
 
 
 def _place(corner: Mapping[str, Any], facts: Mapping[str, Any]) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 
 from deltaph.telemetry.scene import CornerMark, FloatArray, Scene
 from deltaph.telemetry.signals import CORNER, EXECUTED, LIMIT, PLANNED, PLOT
@@ -90,8 +91,8 @@ PASSES = f"{PLOT}corner/deviation"
 """Where the deviation of each pass of a corner is."""
 
 
-def passes(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str, Any, Any]]:
-    """Entities, styles and columns of the deviation at each corner in order of time: prescribed, planned and executed [mm]."""
+def passes(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str, Any, FloatArray]]:
+    """Entities, styles and values of the deviation at each corner in order of time: prescribed, planned and executed [mm]."""
     prescribed = [float(scene.moves[mark.move].corner_deviation[mark.corner]) for mark in found]
     for name, values, color, size in (
         ("executed", [mark.executed for mark in found], EXECUTED, 3.5),
@@ -100,7 +101,7 @@ def passes(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str, Any
     ):
         names = [f"corner deviation {name} [mm]"]
         style = rr.SeriesPoints(names=names, colors=[color], marker_sizes=[size], markers=["circle"])
-        yield f"{PASSES}/{name}", style, rr.Scalars.columns(scalars=1e3 * np.array(values))
+        yield f"{PASSES}/{name}", style, 1e3 * np.array(values)
 
 
 def near(scene: Scene, corner: int, seen: FloatArray) -> bool:
@@ -109,8 +110,17 @@ def near(scene: Scene, corner: int, seen: FloatArray) -> bool:
 
 
 def _label(scene: Scene, corner: int, line: int, text: str, color: tuple[int, int, int]) -> rr.Points2D:
-    """A line of text beyond the right angle, where no path comes."""
+    return label(corner, size(scene, corner), line, text, color)
+
+
+def label(corner: int, scale: float, line: int, text: str, color: tuple[int, int, int]) -> rr.Points2D:
+    """A line of text beyond the right angle, where no path comes; `scale` is that of the picture [mm]."""
     inwards = 1.0 if corner == 0 else -1.0
-    scale = size(scene, corner)
     at = [inwards * 2.3 * scale, (-2.0 + 0.55 * line) * scale]
     return rr.Points2D([at], colors=[color], radii=[pixels(0.0)], labels=[text], show_labels=True, draw_order=7.0)
+
+
+def bounds(corner: int, scale: float) -> rrb.VisualBounds2D:
+    """What is shown of a corner; `scale` is that of the picture [mm]."""
+    reach = (-1.6 * scale, 4.4 * scale)
+    return rrb.VisualBounds2D(x_range=reach if corner == 0 else (-reach[1], -reach[0]), y_range=(-2.2 * scale, 3.8 * scale))

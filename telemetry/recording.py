@@ -57,10 +57,10 @@ class Recorder:
         self._events: list[np.void] = []
         self._held: dict[str, tuple[float, int]] = {}  # value and step of the last row
         self._last: dict[MessageName, Records] = {}  # one record each
+        self._spans: dict[str, tuple[float, float]] = {}  # least and greatest value of each entity
         self._summary: tuple[str, str, Sequence[CornerMark]] | None = None
         self._closed = False
         self._scene = scene
-        self._blueprint = blueprint(scene, live=self._destination.live)
         self._still = list(self._stills())
         self._open_stream: rr.RecordingStream | None = None
 
@@ -122,6 +122,8 @@ class Recorder:
                 if len(corners) > len(CORNERS):
                     self._write_passes(corners)
                 self._destination.written(self._stream)
+            if self._open_stream is not None and not self._destination.live:  # somebody may be changing the layout of a live one
+                self._open_stream.send_blueprint(blueprint(self._scene, spans=self._spans))
         finally:
             if self._open_stream is not None:
                 self._open_stream.disconnect()
@@ -133,7 +135,7 @@ class Recorder:
         if self._open_stream is None:
             stream = rr.RecordingStream(APPLICATION_ID)
             stream.set_log_time_enabled(False)
-            self._destination.begin(stream, self._blueprint)
+            self._destination.begin(stream, blueprint(self._scene, live=self._destination.live))
             self._open_stream = stream
             stream.send_recording_name(self._scene.title)
             facts = rr.AnyValues(title=self._scene.title, law=self._scene.law, json=self._scene.scenario_json)
@@ -195,7 +197,7 @@ class Recorder:
         if name == "setpoint":
             ends = records[[0, -1]]
             for limit in self._limits:
-                self._send(limit.entity, _index(ends), rr.Scalars.columns(scalars=[limit.values] * 2))
+                self._send_scalars(limit.entity, _index(ends), np.array([limit.values] * 2))
 
     def _write_signal(self, signal: Signal, records: Records, index: list[rr.TimeColumn]) -> None:
         values = signal.values(records)
@@ -207,16 +209,16 @@ class Recorder:
         elif signal.chosen is not None:
             chosen = signal.chosen(records, values)
         if chosen is None:
-            self._send(signal.entity, index, rr.Scalars.columns(scalars=values))
+            self._send_scalars(signal.entity, index, values)
         elif chosen.any():
-            self._send(signal.entity, _index(records, chosen), rr.Scalars.columns(scalars=values[chosen]))
+            self._send_scalars(signal.entity, _index(records, chosen), values[chosen])
 
     def _write_held_ends(self) -> None:
         """A last row for what did not change, so that its line goes on to the end."""
         for signal in self._signals:
             last = self._last.get(signal.message)
             if last is not None and is_held(signal.entity) and self._held[signal.entity][1] != last["sequence"][0]:
-                self._send(signal.entity, _index(last), rr.Scalars.columns(scalars=signal.values(last)))
+                self._send_scalars(signal.entity, _index(last), signal.values(last))
 
     def _write_motion(self, actual: Records, *, last: bool = False) -> None:
         """The robot and its trace. What comes after a whole piece of the trace waits, so that chunks leave no marks."""
@@ -270,10 +272,9 @@ class Recorder:
         for error in TRACKING_ERRORS:
             difference = layout("setpoint").values(setpoint, error.group) - layout("actual").values(actual, error.group)
             if not error.entity.startswith(PLOT):
-                self._send(error.entity, index, rr.Scalars.columns(scalars=difference))
+                self._send_scalars(error.entity, index, difference)
             elif shown.any():
-                rows = rr.Scalars.columns(scalars=error.factor * difference[shown])
-                self._send(error.entity, _index(actual, shown), rows)
+                self._send_scalars(error.entity, _index(actual, shown), error.factor * difference[shown])
 
     def _write_events(self, end: int | None) -> None:
         """What happened before a step, or all of it, in words."""
@@ -308,9 +309,15 @@ class Recorder:
     def _write_passes(self, corners: Sequence[CornerMark]) -> None:
         """The deviation at each corner, when it was passed."""
         time = np.rint([1e9 * corner.time for corner in corners]).astype("timedelta64[ns]")
-        for entity, points, columns in passes(self._scene, corners):
+        for entity, points, values in passes(self._scene, corners):
             self._stream.log(entity, points, static=True, strict=True)
-            self._send(entity, [rr.TimeColumn("sim_time", duration=time)], columns)
+            self._send_scalars(entity, [rr.TimeColumn("sim_time", duration=time)], values)
+
+    def _send_scalars(self, entity: str, index: list[rr.TimeColumn], values: FloatArray) -> None:
+        """Rows (n,) or (n, series)."""
+        self._send(entity, index, rr.Scalars.columns(scalars=values))
+        low, high = self._spans.get(entity, (np.inf, -np.inf))
+        self._spans[entity] = min(low, float(values.min())), max(high, float(values.max()))
 
     def _send(self, entity: str, index: list[rr.TimeColumn], columns: Any) -> None:
         self._stream.send_columns(entity, index, columns, strict=True)
