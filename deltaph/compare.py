@@ -15,7 +15,6 @@ from rich.table import Table
 from deltaph.errors import EnvironmentProblem
 from deltaph.files import check_writable, replace
 from deltaph.plan import Plan
-from deltaph.report import side_deviations
 from deltaph.scenario import Scenario, scenario_from_json
 from deltaph.scene import corner_marks, scene_of
 from deltaph.telemetry.comparison import Comparison
@@ -105,7 +104,7 @@ def _figures(scenario: Scenario, plan: Plan, reading: Reading, *, executed: bool
     if executed:
         of_run = summary["executed"] if summary is not None else None
         for index, side in enumerate(_SIDES):
-            found = side_deviations(of_run["corner_deviation_m"], index) if of_run is not None else []
+            found = [c["executed_m"] for c in of_run["corners"] if c["side"] == index] if of_run is not None else []
             figures[f"executed deviation, {side} side [mm]"] = 1e3 * max(found) if found else None
         figures["tracking error, tool [mm]"] = 1e3 * of_run["tracking_error_tcp_max_m"] if of_run is not None else None
         figures["motor torque, largest [N·m]"] = max(of_run["motor_torque_max_Nm"]) if of_run is not None else None
