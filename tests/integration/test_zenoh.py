@@ -16,11 +16,13 @@ from pathlib import Path
 import pytest
 import zenoh
 from integration.synthetic_cell import frames, values_of
+from zenoh import ext
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import Frame
 from deltaph.telemetry import DEFAULT_ENDPOINT, EVENT_KINDS, BackgroundSink, Message, Publisher, Subscriber, layout, schema_document
 from deltaph.telemetry.publisher import HISTORY
+from deltaph.telemetry.session import open_client_session
 
 CELL = "test-cell"
 DEADLINE = 20.0  # [s]
@@ -277,6 +279,27 @@ def test_the_past_is_what_the_cell_keeps_or_as_much_as_is_asked_for() -> None:
                     publisher.take(offered[60])
                     assert next(subscriber.messages()).record["sequence"] == 60
                 assert set(subscriber.missing.values()) == {0}
+
+
+def test_zenohs_own_advanced_subscriber_gets_the_history() -> None:
+    offered = frames(50)
+    numbers: list[int] = []
+
+    def take(sample: zenoh.Sample) -> None:
+        numbers.append(int(layout("setpoint").decode(sample.payload.to_bytes())["sequence"]))
+
+    with cell() as publisher, open_client_session(publisher.endpoints, DEADLINE) as session:
+        for frame in offered[:40]:
+            publisher.take(frame)
+        history = ext.HistoryConfig(max_samples=10)
+        advanced = ext.declare_advanced_subscriber(session, f"deltaph/{CELL}/setpoint", take, history=history)
+        publisher.wait_for_subscribers(1, DEADLINE)
+        wait_until(lambda: len(numbers) == 10)
+        for frame in offered[40:]:
+            publisher.take(frame)
+        wait_until(lambda: len(numbers) == 20)
+        advanced.undeclare()
+    assert numbers == list(range(30, 50))
 
 
 @pytest.mark.parametrize("history", [HISTORY, 500])
