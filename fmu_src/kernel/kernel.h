@@ -325,6 +325,7 @@ dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_work
 enum { DPH_SLICE = 512 };
 
 /* Begin to plan a PPO in slices; dph_plan_make is the same thing in one go, and gives the same bits.
+ * Given:    workspace, for every law.
  * Returned: workspace, and plan, which both belong to the planning from now on: they may be copied, as bytes, and go on elsewhere.
  *           Status PLANNING: dph_plan_continue is to follow.
  * Fails:    with a verdict, where a look at the numbers is enough.
