@@ -344,14 +344,6 @@ def print_run(
     print_checks(console, checks)
 
 
-def side_deviations(corner_deviation: Sequence[float], side: int) -> list[float]:
-    """Of executed deviations in path order, those at the corner above the pick (0) or the place point (1) of the first operation.
-
-    Operations alternate there and back, so that the way back visits the corners in the other order.
-    """
-    return [d for k, d in enumerate(corner_deviation) if (k % 2) ^ (k // 2 % 2) == side]
-
-
 def found_text(value: float | str) -> str:
     """What was found, for people."""
     return f"{value:.5g}" if isinstance(value, float) else value
