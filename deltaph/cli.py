@@ -560,7 +560,7 @@ def soak(
 
     The paper's case, there and back. Each case runs beside a bare loop, without consumers, for comparison. The first has a
     subscriber and a recorder and is left alone for --minutes; the others take two minutes together. The exit code is 1 where
-    messages were lost without being counted, came out of order, or service did not resume; lateness is shown, not judged.
+    messages were lost for good, came out of order, or service did not resume; lateness is shown, not judged.
 
     Example: deltaph soak --minutes 0.5
     """

@@ -50,7 +50,7 @@ class Side:
     def path(self) -> tuple[FloatArray, FloatArray]:
         """Times (n,) [s] and positions (n, 3) [m]."""
         rows = self.rows("tcp/position")
-        time: FloatArray = 1e-9 * rows.nanoseconds
+        time = np.asarray(1e-9 * rows.nanoseconds, dtype=np.float64)
         return time, rows.values
 
     @cached_property

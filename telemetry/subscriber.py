@@ -308,7 +308,7 @@ class Subscriber:
             record = stream.layout.decode(payload)
             sequence = int(record["sequence"])
             if stream.newest is not None:
-                self.missing[name] += sequence - stream.newest - 1
+                self.missing[name] += max(sequence - stream.newest - 1, 0)
             stream.newest = sequence
             self.received[name] += 1
             yield Message(name, record)

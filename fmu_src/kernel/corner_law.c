@@ -76,6 +76,25 @@ static int half_grades(const dph_corner_law *law, double end[])
     return n;
 }
 
+/* Taylor's series to third order of gamma(t) from where it is gamma, without that: dgamma/dt = v / sigma, eq. (17). */
+static void series_at(const dph_corner_law *law, double gamma, double series[3])
+{
+    dph_preimage preimage = preimage_at(&law->corner, gamma);
+    double sigma[3], v = dph_corner_speed(law, gamma), v1, v2;
+    corner_sigmas(&preimage, sigma);
+    speed_slopes(law, gamma, &v1, &v2);
+    double inverse = 1.0 / sigma[0], g = v * inverse, g1 = (v1 - g * sigma[1]) * inverse;
+    double g2 = (v2 - 2.0 * g1 * sigma[1] - g * sigma[2]) * inverse;
+    series[0] = g;
+    series[1] = g * g1 / 2.0;
+    series[2] = g * (g2 * g + g1 * g1) / 6.0;
+}
+
+static inline double after(double gamma, const double series[3], double time)
+{
+    return gamma + time * (series[0] + time * (series[1] + time * series[2]));
+}
+
 void dph_corner_law_make(const dph_corner *corner, double entry_speed, double mid_speed, dph_corner_law *law)
 {
     law->corner = *corner;
@@ -100,18 +119,8 @@ void dph_corner_law_make(const dph_corner *corner, double entry_speed, double mi
     for (int i = 0; i < law->panels; ++i)
         law->time[i + 1] = law->time[i] + time_between(law, law->gamma[i], law->gamma[i + 1]);
     law->duration = law->time[law->panels];
-}
-
-/* The curve parameter a time [s] after it was gamma, by Taylor's series to third order of dgamma/dt = v / sigma, eq. (17). */
-static double after(const dph_corner_law *law, double gamma, double time)
-{
-    dph_preimage preimage = preimage_at(&law->corner, gamma);
-    double sigma[3], v = dph_corner_speed(law, gamma), v1, v2;
-    corner_sigmas(&preimage, sigma);
-    speed_slopes(law, gamma, &v1, &v2);
-    double inverse = 1.0 / sigma[0], g = v * inverse, g1 = (v1 - g * sigma[1]) * inverse;
-    double g2 = (v2 - 2.0 * g1 * sigma[1] - g * sigma[2]) * inverse;
-    return gamma + time * g * (1.0 + time * (g1 / 2.0 + time * (g2 * g + g1 * g1) / 6.0));
+    for (int i = 0; i <= law->panels; ++i)
+        series_at(law, law->gamma[i], law->series[i]);
 }
 
 /* Newton's method (27) carried to third order: where t(gamma) is off, the series over what is missing. Returned: the number of steps. */
@@ -127,13 +136,14 @@ static int invert(const dph_corner_law *law, double time, double *gamma)
     }
     double left = law->gamma[low], right = law->gamma[high], piece = (right - left) / law->pieces, before;
     int nearest = time - law->time[low] < law->time[high] - time ? low : high;
-    double from = law->gamma[nearest], since = time - law->time[nearest], next = after(law, from, since);
+    double from = law->gamma[nearest], since = time - law->time[nearest], next = after(from, law->series[nearest], since), series[3];
 
     /* From an error e a step leaves about (e / R)^4 R, R being the distance of the nearest singularity, four pieces or more: of a thousandth
      * of a piece, which is at most 1/16, a few 1e-16. The series from the nearest end is that good but next to a pole or in long panels. */
     do {
         before = next < left ? left : next > right ? right : next; /* t(gamma) increases: beyond the panel is too far */
-        next = after(law, before, since - time_between(law, from, before));
+        series_at(law, before, series);
+        next = after(before, series, since - time_between(law, from, before));
     } while (++step < 20 && fabs(next - before) > 1e-3 * piece);
     *gamma = next;
     return step;

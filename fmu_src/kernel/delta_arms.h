@@ -31,13 +31,13 @@ typedef struct dph_pose {
     dph_limb limb[3];
 } dph_pose;
 
-/* The pose at a point (3) [m]. Fails: as dph_inverse_kinematics. Cost: three square roots, three divisions; no trigonometric function. */
+/* The pose at a point (3) [m]. Fails: as dph_inverse_kinematics. Cost: three square roots, six divisions. */
 dph_verdict dph_pose_at(const dph_robot *robot, const double point[3], dph_pose *pose);
 
 /* The pose of joint angles (3) [rad] and the point that belongs to them. Cost: six trigonometric functions. */
 void dph_pose_from(const dph_robot *robot, const double theta[3], const double point[3], dph_pose *pose);
 
-/* The joint angles of a pose (3) [rad]. Cost: three atan2. */
+/* The joint angles of a pose (3) [rad]. Cost: polynomials. */
 void dph_pose_angles(const dph_pose *pose, double theta[3]);
 
 /* The forearm vectors s_i of a pose in the base frame [m]. */

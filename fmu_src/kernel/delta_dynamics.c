@@ -55,29 +55,32 @@ static void multipliers(const dph_inverse *inverse, const double platform_force[
 void dph_pose_dynamics(const dph_robot *robot, const dph_pose *pose, double payload, dph_motion *motion)
 {
     Inertia m = inertia_of(robot, payload);
-    dph_inverse inverse;
-    double s[3][3], force[3], coupling = m.coupling * pose->upper;
-
-    platform_load(&m, motion, force);
+    double coupling = m.coupling * pose->upper, s[3][3], normal[3][3], carried[3];
+    double p0 = motion->point_dd[0], p1 = motion->point_dd[1], p2 = motion->point_dd[2];
+    double f0 = m.platform * p0 - motion->force[0], f1 = m.platform * p1 - motion->force[1];
+    double f2 = m.platform * p2 + m.platform_weight - motion->force[2];
     for (int i = 0; i < 3; ++i) {
-        /* coupling (E' theta'' + E'' theta'^2), E' = -La (u sin + k cos), E'' = -La (u cos - k sin) */
+        /* coupling (E' theta'' + E'' theta'^2) and -coupling E' . p'', E' = -La (u sin + k cos), E'' = -La (u cos - k sin) */
         const dph_limb *limb = &pose->limb[i];
+        const double *u = arm_direction[i];
         double a = motion->theta_dd[i], w2 = motion->theta_d[i] * motion->theta_d[i];
-        double out = -coupling * (limb->sine * a + limb->cosine * w2);
-        force[0] += out * arm_direction[i][0];
-        force[1] += out * arm_direction[i][1];
-        force[2] -= coupling * (limb->cosine * a - limb->sine * w2);
+        double out = coupling * (limb->sine * a + limb->cosine * w2);
+        f0 -= out * u[0];
+        f1 -= out * u[1];
+        f2 -= coupling * (limb->cosine * a - limb->sine * w2);
+        carried[i] = coupling * (limb->sine * (p0 * u[0] + p1 * u[1]) + limb->cosine * p2);
     }
-    add_scaled(force, m.platform, motion->point_dd);
-    dph_pose_forearms(pose, s);
-    invert_rows(s, &inverse);
-    multipliers(&inverse, force, motion->lambda);
 
+    /* lambda from the platform rows A^T lambda = -f, by Cramer's rule. */
+    dph_pose_forearms(pose, s);
+    cross(s[1], s[2], normal[0]);
+    cross(s[2], s[0], normal[1]);
+    cross(s[0], s[1], normal[2]);
+    double scale = -1.0 / dot(s[0], normal[0]);
     for (int i = 0; i < 3; ++i) {
         const dph_limb *limb = &pose->limb[i];
-        double out = motion->point_dd[0] * arm_direction[i][0] + motion->point_dd[1] * arm_direction[i][1];
-        double along = limb->sine * out + limb->cosine * motion->point_dd[2]; /* -E' . p'' / La */
-        motion->torque[i] = m.arm * motion->theta_dd[i] - coupling * along - m.arm_weight * limb->cosine -
+        motion->lambda[i] = scale * (normal[i][0] * f0 + normal[i][1] * f1 + normal[i][2] * f2);
+        motion->torque[i] = m.arm * motion->theta_dd[i] - carried[i] - m.arm_weight * limb->cosine -
                             pose->upper * limb->across * motion->lambda[i];
     }
 }

@@ -90,7 +90,7 @@ dph_verdict dph_robot_check(const dph_robot *robot);
  * Returned: theta (3) [rad].
  * Fails:    UNREACHABLE with the joint, and the distance shoulder to platform joint in the arm's plane against its bound; theta then
  *           keeps its value.
- * Cost:     three square roots and three atan2. */
+ * Cost:     three square roots, six divisions; no trigonometric function. */
 dph_verdict dph_inverse_kinematics(const dph_robot *robot, const double point[3], double theta[3]);
 
 /* Forward kinematics: the lower intersection of the three forearm spheres.
@@ -203,14 +203,15 @@ typedef struct dph_corner_law {
     int pieces;                    /* of six quadrature points to a panel: 1, 2, 4 or 8 */
     double gamma[DPH_PANELS + 1];  /* panel ends */
     double time[DPH_PANELS + 1];   /* t(gamma) there [s] */
+    double series[DPH_PANELS + 1][3]; /* Taylor's, of gamma(t) there [1/s, 1/s^2, 1/s^3] */
 } dph_corner_law;
 
-/* Prepare the law. Given: corner, speeds > 0 [m/s]. Cost: six evaluations of sigma / v per piece; of 16 panels 0.4 us on a 3 GHz core. */
+/* Prepare the law. Given: corner, speeds > 0 [m/s]. Cost: six evaluations of sigma / v per piece; of 16 panels 0.6 us on a 3.5 GHz core. */
 void dph_corner_law_make(const dph_corner *corner, double entry_speed, double mid_speed, dph_corner_law *law);
 
 /* The curve parameters at n times in [0, duration] [s] (eq. (27)).
  * Returned: gamma (n); steps (n), how many of Newton's method each took, or NULL where nobody asks.
- * Cost:     a step costs six evaluations of sigma / v per piece and a series: 0.08 us for one step, which is what V_N > V_B / 20 takes. */
+ * Cost:     a step costs six evaluations of sigma / v per piece and a series: 0.06 us for one, which is what V_N > V_B / 20 takes. */
 void dph_corner_law_gamma(const dph_corner_law *law, int n, const double *time, double *gamma, int *steps);
 
 /* ---- Plan (plan.c; paper.c, superposition.c, paper_limited.c and time_optimal.c hold the laws) ------------------------------------------- */
@@ -311,16 +312,20 @@ typedef struct dph_peaks {
  * Given:    workspace for the time-optimal law; NULL will do for the others.
  * Returned: plan, and status OK; the plan is only meaningful then.
  * Fails:    with a verdict, for every finite or not finite input; never crashes, never loops without end.
- * Cost:     the quadratures of two corners, a pose per 2.5 mm: some 200 units. paper_limited: the peaks of some hundred plans besides,
- *           about 22 000 units. time_optimal: some seven hundred poses and at most 55 steps of its solver instead, about 4 000 units. */
+ * Cost:     the quadratures of two corners; a pose wherever the last one vouches for no more of the path, some ten in the middle of the
+ *           workspace: 20 units (see below), 1.6 us on a 3.5 GHz core (comparison: 15 us). paper_limited: the peaks of some hundred plans
+ *           besides, 16 000 to 28 000 units. time_optimal: some seven hundred poses, verifications and at most 55 steps of its solver
+ *           instead, 3 000 to 10 000 units. */
 dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_workspace *workspace, dph_plan *plan);
 
-/* Work is counted in units, not timed, so that slices of it are the same everywhere. A unit is about one point of the path: a pose with its
- * derivatives and what the limits say there; 0.2 to 0.5 us on a 3 GHz core. A slice of DPH_SLICE units is what a planner may do in one
- * millisecond beside what else it has to do: 0.1 to 0.25 ms there. A PPO of `paper` of up to a metre takes one slice. */
+/* Work is counted in units, not timed, so that slices of it are the same everywhere. A unit is the work of about one point of the path: a
+ * pose with its derivatives and what the limits say there, 0.15 to 0.4 us on the machine whose figures the README has. A slice of DPH_SLICE
+ * units is what a planner may do in one millisecond beside all else: 0.18 ms there at most (found on 300 random tasks of all laws). A PPO
+ * of `paper` or `comparison` takes one slice. */
 enum { DPH_SLICE = 512 };
 
 /* Begin to plan a PPO in slices; dph_plan_make is the same thing in one go, and gives the same bits.
+ * Given:    workspace, for every law.
  * Returned: workspace, and plan, which both belong to the planning from now on: they may be copied, as bytes, and go on elsewhere.
  *           Status PLANNING: dph_plan_continue is to follow.
  * Fails:    with a verdict, where a look at the numbers is enough.
@@ -329,12 +334,13 @@ dph_verdict dph_plan_begin(const dph_robot *robot, const dph_task *task, dph_wor
 
 /* Go on planning for some `units` of work.
  * Returned: status PLANNING while there is more to do; else the verdict of dph_plan_make, and no more calls are due.
- * Cost:     the units, and at most some 150 more: work is left at seams only. */
+ * Cost:     the units, and at most 170 more: work is left at seams only. */
 dph_verdict dph_plan_continue(dph_workspace *workspace, dph_plan *plan, int units);
 
 /* The setpoint at a time [s] on the aligned clock, clamped to [0, duration]: before the start the robot rests at the pick point (its phase
  * is dwell from -dwell_ms on), from the end on at the place point, exactly.
- * Cost: one corner law inversion, one inverse kinematics and dynamics. */
+ * Cost: one corner law inversion, one inverse kinematics and dynamics: 0.17 us on a 3.5 GHz core with the paper's law; an eighth of it is
+ * for the torques. The other laws take quadratures of their own: time_optimal 0.5 us, comparison 1.3 us. */
 void dph_plan_sample(const dph_plan *plan, double time, dph_setpoint *setpoint);
 
 /* The same for n times. */

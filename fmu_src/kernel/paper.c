@@ -12,21 +12,22 @@ typedef double Line[4];
 /* Phase 1, eq. (14): from rest to V_B, with T_1 = 2 j / V_B. */
 static void lift_at(const dph_side *side, double t, Line s)
 {
-    double j = side->lift_length, T = side->lift_duration, f = t / T, r = 1.0 - f;
-    s[0] = j * f * f * f * f * (5.0 + f * (2.0 * f - 6.0));
-    s[1] = 2.0 * j / T * f * f * f * (10.0 + f * (6.0 * f - 15.0));
-    s[2] = 60.0 * j / (T * T) * f * f * r * r;
-    s[3] = 120.0 * j / (T * T * T) * f * r * (1.0 - 2.0 * f);
+    double rate = 1.0 / side->lift_duration, f = t * rate, r = 1.0 - f;
+    double s0 = side->lift_length, s1 = s0 * rate, s2 = s1 * rate, s3 = s2 * rate;
+    s[0] = s0 * f * f * f * f * (5.0 + f * (2.0 * f - 6.0));
+    s[1] = 2.0 * s1 * f * f * f * (10.0 + f * (6.0 * f - 15.0));
+    s[2] = 60.0 * s2 * f * f * r * r;
+    s[3] = 120.0 * s3 * f * r * (1.0 - 2.0 * f);
 }
 
 /* Phase 3, eq. (30): from V_B to V_max. */
 static void cruise_at(const dph_side *side, double t, Line s)
 {
-    double T = side->cruise_duration, f = t / T, V = side->corner.entry_speed, rise = side->traverse_speed - V;
-    s[0] = T * f * (V + rise * f * f * (1.0 - 0.5 * f));
+    double rate = 1.0 / side->cruise_duration, f = t * rate, V = side->corner.entry_speed, rise = side->traverse_speed - V;
+    s[0] = t * (V + rise * f * f * (1.0 - 0.5 * f));
     s[1] = V + rise * f * f * (3.0 - 2.0 * f);
-    s[2] = 6.0 * rise / T * f * (1.0 - f);
-    s[3] = 6.0 * rise / (T * T) * (1.0 - 2.0 * f);
+    s[2] = 6.0 * rise * rate * f * (1.0 - f);
+    s[3] = 6.0 * rise * rate * rate * (1.0 - 2.0 * f);
 }
 
 /* One side from rest; phase 0, 1, 2 is lift, corner, cruise; t counts from the phase's start. */

@@ -98,17 +98,25 @@ static void planar_at(const dph_plan *plan, int piece, double nominal_time, dph_
     }
 }
 
-static double distance(const double a[3], const double b[3], double height)
+static double distance2(const double a[3], const double b[3], double height)
 {
     double x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2] - height;
-    return sqrt(x * x + y * y + z * z);
+    return x * x + y * y + z * z;
 }
 
 /* Distance to the vertex of the nearer corner. */
 static double vertex_distance(const dph_task *task, const double point[3])
 {
-    double pick = distance(point, task->pick, task->lift[0]), place = distance(point, task->place, task->lift[1]);
-    return pick < place ? pick : place;
+    double pick = distance2(point, task->pick, task->lift[0]), place = distance2(point, task->place, task->lift[1]);
+    return sqrt(pick < place ? pick : place);
+}
+
+/* A vector of the motion's plane, whose horizontal direction is (c, s). */
+static inline void in_space(double horizontal, double vertical, double c, double s, double vector[3])
+{
+    vector[0] = horizontal * c;
+    vector[1] = horizontal * s;
+    vector[2] = vertical;
 }
 
 /* The tcp part of a setpoint. */
@@ -120,15 +128,13 @@ static void tcp_at(const dph_plan *plan, int piece, double time, dph_setpoint *s
     planar_at(plan, piece, nominal < begin ? begin : nominal > end ? end : nominal, &motion);
 
     const double *origin = motion.side == 0 ? plan->task.pick : plan->task.place;
-    double *const derivative[4] = {setpoint->tcp_position, setpoint->tcp_velocity, setpoint->tcp_acceleration, setpoint->tcp_jerk};
-    double scale = 1.0;
-    for (int order = 0; order < 4; ++order, scale *= factor) {
-        derivative[order][0] = scale * motion.d[order][0] * plan->direction[0];
-        derivative[order][1] = scale * motion.d[order][0] * plan->direction[1];
-        derivative[order][2] = scale * motion.d[order][1];
-    }
-    for (int i = 0; i < 3; ++i)
-        setpoint->tcp_position[i] += origin[i];
+    double c = plan->direction[0], s = plan->direction[1], factor2 = factor * factor, factor3 = factor2 * factor;
+    setpoint->tcp_position[0] = origin[0] + motion.d[0][0] * c;
+    setpoint->tcp_position[1] = origin[1] + motion.d[0][0] * s;
+    setpoint->tcp_position[2] = origin[2] + motion.d[0][1];
+    in_space(factor * motion.d[1][0], factor * motion.d[1][1], c, s, setpoint->tcp_velocity);
+    in_space(factor2 * motion.d[2][0], factor2 * motion.d[2][1], c, s, setpoint->tcp_acceleration);
+    in_space(factor3 * motion.d[3][0], factor3 * motion.d[3][1], c, s, setpoint->tcp_jerk);
     setpoint->arc_length = motion.arc_length;
     setpoint->length = plan->length;
     setpoint->vertex_distance = vertex_distance(&plan->task, setpoint->tcp_position);

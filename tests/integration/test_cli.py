@@ -49,6 +49,7 @@ def test_version_and_help(tmp_path: Path) -> None:
         "build",
         "run",
         "record",
+        "command",
         "view",
         "compare",
         "export",
