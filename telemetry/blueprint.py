@@ -75,9 +75,8 @@ def _corner(scene: Scene, index: int) -> rrb.Spatial2DView:
 
 def _within(spans: Spans, contents: Sequence[str]) -> tuple[float, float] | None:
     """A range of values for what is plotted; None where nothing is known of it."""
-    found = [
-        span for entity, span in spans.items() if any(entity == c or entity.startswith(c.removesuffix("**")) for c in contents)
-    ]
+    below = tuple(content.removesuffix("**") for content in contents if content.endswith("/**"))
+    found = [span for entity, span in spans.items() if entity in contents or entity.startswith(below)]
     return labelled(min(low for low, _ in found), max(high for _, high in found)) if found else None
 
 
@@ -139,8 +138,9 @@ def _deviations(scene: Scene, spans: Spans) -> rrb.Container | rrb.View:
     entity = f"{PLOT}path/deviation/**"
     if len(scene.moves) > 1:
         top = 4.0 * max(corner.size(scene, 0), corner.size(scene, 1))
-        return _plot(
-            spans, "Distance to the nearer vertex [mm]: planned blue, executed orange, prescribed red", entity, within=(0.0, top)
+        return rrb.Vertical(
+            _plot(spans, "Deviation at each corner [mm]: planned violet, executed orange, prescribed red", f"{corner.PASSES}/**"),
+            _plot(spans, "Distance to the nearer vertex [mm]: planned blue, executed orange", entity, within=(0.0, top)),
         )
     views = []
     for index, name in enumerate(CORNERS):
@@ -177,8 +177,8 @@ def blueprint(scene: Scene, *, live: bool = False, spans: Spans = _NO_SPANS) -> 
         _deviations(scene, spans),
         plot("Tool tracking error, setpoint - actual [mm]: x red, y green, z blue", f"{PLOT}tcp/tracking_error"),
         plot(f"Joint tracking error [deg]: {joints}", f"{PLOT}joint/tracking_error"),
-        rrb.StateTimelineView(name="Phase and trip", origin="/", contents=["phase", "trip"]),
-        row_shares=[3, 2.5, 2.5, 1.5],
+        rrb.StateTimelineView(name="Phase and trip", origin="/", contents=["operation", "phase", "trip"]),
+        row_shares=[3, 2.5, 2.5, 1.5] if len(scene.moves) == 1 else [5, 2, 2, 1.5],
         name="Deviation",
     )
     motion = rrb.Vertical(
@@ -213,7 +213,7 @@ def blueprint(scene: Scene, *, live: bool = False, spans: Spans = _NO_SPANS) -> 
             origin="event",
             columns=rrb.TextLogColumns(timeline_columns=["sim_time"], text_log_columns=["LogLevel", "Body"]),
         ),
-        rrb.StateTimelineView(name="Phase and trip", origin="/", contents=["phase", "trip"]),
+        rrb.StateTimelineView(name="Phase and trip", origin="/", contents=["operation", "phase", "trip"]),
         row_shares=[3, 1],
         name="Events",
     )
