@@ -315,7 +315,8 @@ typedef struct dph_peaks {
  * Cost:     the quadratures of two corners; a pose wherever the last one vouches for no more of the path, some ten in the middle of the
  *           workspace: 20 units (see below), 1.6 us on a 3.5 GHz core (comparison: 15 us). paper_limited: the peaks of some hundred plans
  *           besides, 16 000 to 28 000 units. time_optimal: some seven hundred poses, verifications and at most 55 steps of its solver
- *           instead, 3 000 to 10 000 units. */
+ *           instead, 3 000 to 10 000 units; where only velocity and acceleration are limited, some 150 poses and at most eight passes over
+ *           the path, 150 units. */
 dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_workspace *workspace, dph_plan *plan);
 
 /* Work is counted in units, not timed, so that slices of it are the same everywhere. A unit is the work of about one point of the path: a

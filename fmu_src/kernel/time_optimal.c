@@ -1,6 +1,6 @@
 /* The time-optimal law: the fastest motion along the path within limits of joint velocity, acceleration, jerk, torque and tcp speed, from
  * rest to rest with continuous acceleration. The solver keeps the limits at its nodes; what happens between them is verified here, repaired
- * once, and made good by one factor. */
+ * once, and made good by one factor. Where only velocity and acceleration are limited, reachability.c does all of it. */
 #include "time_optimal.h"
 
 #include <math.h>
