@@ -12,8 +12,9 @@ static const double none = 1e30;
 /* A limit below would make every PPO take longer than is allowed; its powers are still far from underflow. */
 static const double least = 1e-12;
 
-/* Greatest dx/dt [1/s], where no other limit holds the ends: no PPO is done in less than 5 ms. */
-static const double fastest = 200.0;
+/* Greatest dx/dt [1/s], where no other limit holds the ends: no PPO is done in less than 5 ms. A jerk limit J on every joint holds them at some
+ * cbrt(J / 70): then it is far above that, and on the same clock. */
+static const double fastest = 200.0, fastest_by_jerk = 3.2;
 
 static dph_verdict invert(double limit, double *inverse, int *finite)
 {
@@ -47,8 +48,9 @@ static dph_verdict limits_make(const dph_limits *limits, dph_bounds *bounds)
     }
     if (!has_velocity && !has_acceleration && !has_tcp && !bounds->has_jerk && !bounds->has_torque)
         return dph_refuse(DPH_STATUS_NO_LIMIT, DPH_PHASE_IDLE, 0, 1.0, 0.0);
-    int all_jerk = bounds->jerk[0] > 0.0 && bounds->jerk[1] > 0.0 && bounds->jerk[2] > 0.0;
-    bounds->least_inverse_cap = all_jerk ? 0.0 : 1.0 / (fastest * fastest);
+    double jerk = fmin(bounds->jerk[0], fmin(bounds->jerk[1], bounds->jerk[2]));
+    double greatest = jerk > 0.0 ? fmin(fastest_by_jerk / cbrt(jerk), fastest) : fastest;
+    bounds->least_inverse_cap = 1.0 / (greatest * greatest);
     return dph_accept();
 }
 

@@ -14,15 +14,16 @@
 #include "time_optimal.h"
 
 /* Intervals of a first, coarse b, in each segment of a side; of the final one about so many, at least so many in each segment. */
-enum { INTERVALS = 54 };
-static const int coarse_intervals[3] = {7, 12, 7}, least_intervals[3] = {3, 13, 3};
+enum { SPLINE_INTERVALS = 54 };
+static const int coarse_intervals[3] = {7, 12, 7};
+static const int spline_intervals[3] = {3, 13, 3};
 
 /* First vertex over second one and second over third, and the same from the other end: at rest q' = q'' = 0, and nothing bounds them.
  * Constant acceleration from rest is b ~ 1/x. */
 static const double rise = 2.2;
 
 /* Parts of an interval on which the limits are verified; repairs at most, and a stretch that is worth none. */
-enum { PARTS = 6, REPAIRS = 3 };
+enum { SPLINE_PARTS = 6, SPLINE_REPAIRS = 3 };
 static const double enough = 1.0005;
 
 /* What the verification does not see, as a ratio of velocities. Of acceleration, its square, 1.4e-3 was the most in 400 random tasks under
@@ -324,27 +325,27 @@ static double weighted(const double weight[6], const double q[6])
 
 static void lay_fine(const dph_plan *plan, dph_workspace *w)
 {
-    double value[PARTS + 1][6], slope[PARTS + 1][6];
-    for (int i = 0; i <= PARTS; ++i)
-        weights_at(2.0 * i / PARTS - 1.0, value[i], slope[i]);
+    double value[SPLINE_PARTS + 1][6], slope[SPLINE_PARTS + 1][6];
+    for (int i = 0; i <= SPLINE_PARTS; ++i)
+        weights_at(2.0 * i / SPLINE_PARTS - 1.0, value[i], slope[i]);
     for (int k = 0; k < w->intervals; ++k) {
         double width = w->knot[k + 1] - w->knot[k], inverse = 2.0 / width, q[6];
         for (int j = 0; j < 3; ++j) {
             joint_of(w, k, j, q);
-            for (int i = 0; i <= PARTS; ++i) {
+            for (int i = 0; i <= SPLINE_PARTS; ++i) {
                 w->point[k][i].q[0][j] = weighted(value[i], q);
                 w->point[k][i].q[1][j] = inverse * weighted(slope[i], q);
             }
         }
-        for (int i = 0; i <= PARTS && w->bounds.tcp_speed > 0.0; ++i) {
+        for (int i = 0; i <= SPLINE_PARTS && w->bounds.tcp_speed > 0.0; ++i) {
             double y[4];
-            dph_parameter_at(w->knot[k] + width * i / PARTS, y);
+            dph_parameter_at(w->knot[k] + width * i / SPLINE_PARTS, y);
             w->point[k][i].ds = plan->length * y[1];
         }
     }
 }
 
-/* Where between 0 and PARTS the parabola through a sample and its neighbours is greatest; -1 where that is not between the
+/* Where between 0 and SPLINE_PARTS the parabola through a sample and its neighbours is greatest; -1 where that is not between the
  * neighbours. */
 static double top_of(const double f[], int i)
 {
@@ -379,12 +380,12 @@ static int excess_of(const dph_workspace *w, int k, double excess[2])
 {
     static const double near = 0.97; /* no parabola through three samples below rises above 1 */
     const dph_bounds *bounds = &w->bounds;
-    double series[3][2][PARTS + 1];
+    double series[3][2][SPLINE_PARTS + 1];
     excess[0] = excess[1] = 0.0;
-    for (int i = 0; i <= PARTS; ++i) {
+    for (int i = 0; i <= SPLINE_PARTS; ++i) {
         const double(*q)[3] = (const double(*)[3])w->point[k][i].q;
         double v[2];
-        spline_at(w, k, i / (double)PARTS, v);
+        spline_at(w, k, i / (double)SPLINE_PARTS, v);
         if (!(v[0] > 0.0))
             return 0;
         for (int j = 0; j < 3; ++j) {
@@ -401,12 +402,12 @@ static int excess_of(const dph_workspace *w, int k, double excess[2])
         for (int what = 0; what < 2; ++what) {
             const double *f = series[j][what];
             double peak = 0.0;
-            for (int i = 0; i <= PARTS; ++i)
+            for (int i = 0; i <= SPLINE_PARTS; ++i)
                 peak = fabs(f[i]) > peak ? fabs(f[i]) : peak;
-            for (int i = 1; i < PARTS && peak > near; ++i) {
+            for (int i = 1; i < SPLINE_PARTS && peak > near; ++i) {
                 double top = top_of(f, i), ratio[2];
                 if (top >= 0.0 && fabs(f[i]) > near) {
-                    ratios_at(w, k, j, top / PARTS, ratio);
+                    ratios_at(w, k, j, top / SPLINE_PARTS, ratio);
                     peak = ratio[what] > peak ? ratio[what] : peak;
                 }
             }
@@ -457,7 +458,7 @@ double dph_reachability(const dph_plan *plan, dph_workspace *w, int *is_clear)
     survey_begin(&plan->robot, &survey);
     *is_clear = 0;
     for (int fine = 0; fine < 2; ++fine) {
-        dph_knots_lay(plan, &shares, fine ? INTERVALS : 0, fine ? least_intervals : coarse_intervals, w);
+        dph_knots_lay(plan, &shares, fine ? SPLINE_INTERVALS : 0, fine ? spline_intervals : coarse_intervals, w);
         lay_points(plan, w, fine, &survey);
         if (!survey.reached || w->intervals < 6)
             return 0.0;
@@ -472,7 +473,7 @@ double dph_reachability(const dph_plan *plan, dph_workspace *w, int *is_clear)
     for (int repair = 0;; ++repair) {
         solve(w);
         double stretch = verify(w);
-        if (!(stretch > enough) || repair == REPAIRS)
+        if (!(stretch > enough) || repair == SPLINE_REPAIRS)
             return stretch * unseen;
         tighten(w, repair > 0);
     }
