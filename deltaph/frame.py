@@ -143,6 +143,7 @@ class Frames(Sequence[Frame]):
         planner: tuple[NDArray[np.float64], NDArray[np.int32]],
         plant: tuple[NDArray[np.float64], NDArray[np.int32]],
         timing: Sequence[float],
+        commands: NDArray[np.int32] = NO_COMMANDS,
     ) -> Frame:
         """Copy the outputs of both FMUs, Float64 and others, into the next row; returns the frame that shows it."""
         n = self._length
@@ -152,7 +153,7 @@ class Frames(Sequence[Frame]):
         arrays["timing"][n] = timing
         self._time[n], self._unix_time_ns[n] = time, unix_time_ns
         self._length = n + 1
-        return self._frame(n)
+        return self._frame(n, commands)
 
     def column(self, what: str) -> NDArray[np.float64]:
         """One field of all frames (frames, ...), not copied."""
@@ -176,9 +177,9 @@ class Frames(Sequence[Frame]):
             raise IndexError(index)
         return self._frame(index % self._length)
 
-    def _frame(self, n: int) -> Frame:
+    def _frame(self, n: int, commands: NDArray[np.int32] = NO_COMMANDS) -> Frame:
         views = {name: view[n] for name, view in self._views.items()}
-        return Frame(self._first + n, float(self._time[n]), int(self._unix_time_ns[n]), **views)
+        return Frame(self._first + n, float(self._time[n]), int(self._unix_time_ns[n]), **views, commands=commands)
 
 
 BLOCK_FRAMES = 256
@@ -186,9 +187,14 @@ BLOCK_FRAMES = 256
 
 
 class RecentFrames:
-    """The frames of a run without an end, in blocks that are freed when the last frame of theirs is: sinks decide what is kept."""
+    """The frames of a run without an end, in blocks that are freed when the last frame of theirs is: sinks decide what is kept.
+
+    Attributes:
+        commands: of the frames to come.
+    """
 
     def __init__(self) -> None:
+        self.commands = NO_COMMANDS
         self._block = Frames(BLOCK_FRAMES)
         self._next = 0
 
@@ -204,7 +210,7 @@ class RecentFrames:
         if len(self._block) == BLOCK_FRAMES:
             self._block = Frames(BLOCK_FRAMES, self._next)
         self._next += 1
-        return self._block.append(time, unix_time_ns, planner, plant, timing)
+        return self._block.append(time, unix_time_ns, planner, plant, timing, self.commands)
 
 
 def columns(frames: Sequence[Frame], what: str) -> NDArray[np.float64]:

@@ -94,7 +94,7 @@ _local = threading.local()
 
 
 def _workspace() -> Any:
-    """This thread's scratch memory for the kernel."""
+    """This thread's memory for the kernel to plan in."""
     if not hasattr(_local, "memory"):
         _local.memory = ffi.new("double[]", -(-lib.dph_workspace_size() // 8))
     return ffi.cast("dph_workspace *", _local.memory)

@@ -414,20 +414,22 @@ def serve_scenario(path: Path, options: Options, console: Console, log: Console)
         sinks = [sink for sink in (publishing, recording, counting) if sink is not None]
         service = CommandService(publisher.session, scenario.cell, attendant, _Journal())
         stack.callback(service.close)
-        frames = attend(
+        stack.callback(attendant.end)  # a PPO that is under way when the loop fails is not waited for
+        frames = RecentFrames()
+        stepping = attend(
             scenario,
             fmus,
             attendant,
             realtime=options.realtime or Undisturbed(),
             dropped=lambda: sum(sink.dropped for sink in sinks),
-            frames=RecentFrames(),
+            frames=frames,
         )
         log.print("takes commands: see `deltaph command --help`; Ctrl-C ends it", style="dim", soft_wrap=True)
         with _ending(attendant.end):
-            for frame in frames:
-                known = frame._replace(commands=service.counts)
+            for frame in stepping:
                 for sink in sinks:
-                    sink.take(known)
+                    sink.take(frame)
+                frames.commands = service.counts
         service.close()
         for sink in sinks:
             sink.drain()

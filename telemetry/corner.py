@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 
 from deltaph.telemetry.scene import CornerMark, FloatArray, Scene
-from deltaph.telemetry.signals import CORNER, EXECUTED, LIMIT, PLANNED
+from deltaph.telemetry.signals import CORNER, EXECUTED, LIMIT, PLANNED, PLOT
 from deltaph.telemetry.world import CORNERS, pixels
 
 REACH = 4.5
@@ -52,10 +53,14 @@ def still_corners(scene: Scene) -> Iterator[tuple[str, Any]]:
 
 
 def marks(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str, Any]]:
-    """Where the executed path comes closest to each vertex, and how close, in words."""
+    """Where the executed path comes closest to a vertex of each side, in the worst of all passes, and how close, in words."""
+    worst: dict[int, CornerMark] = {}
     for mark in found:
+        if mark.corner not in worst or _excess(scene, mark) > _excess(scene, worst[mark.corner]):
+            worst[mark.corner] = mark
+    for _, mark in sorted(worst.items()):
         entity, move = f"corner/{CORNERS[mark.corner]}", scene.moves[mark.move]
-        where = f", {move.name or f'move {mark.move + 1}'}" if len(scene.moves) > 1 else ""
+        where = f", {scene.name_of(mark.move)}" if len(scene.moves) > 1 else ""
         nearest = move.seen_from(mark.corner, np.array(mark.nearest))
         distances = move.seen_from(mark.corner, move.planned_path)
         planned = distances[np.argmin(np.linalg.norm(distances, axis=1))]
@@ -77,14 +82,45 @@ def marks(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str, Any]
         )
 
 
+def _excess(scene: Scene, mark: CornerMark) -> float:
+    """By how much the executed path of a pass is further away from the vertex than prescribed [m]."""
+    return mark.executed - float(scene.moves[mark.move].corner_deviation[mark.corner])
+
+
+PASSES = f"{PLOT}corner/deviation"
+"""Where the deviation of each pass of a corner is."""
+
+
+def passes(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str, Any, FloatArray]]:
+    """Entities, styles and values of the deviation at each corner in order of time: prescribed, planned and executed [mm]."""
+    prescribed = [float(scene.moves[mark.move].corner_deviation[mark.corner]) for mark in found]
+    for name, values, color, size in (
+        ("executed", [mark.executed for mark in found], EXECUTED, 3.5),
+        ("planned", [mark.planned for mark in found], CORNER, 3.5),
+        ("prescribed", prescribed, LIMIT, 1.5),
+    ):
+        names = [f"corner deviation {name} [mm]"]
+        style = rr.SeriesPoints(names=names, colors=[color], marker_sizes=[size], markers=["circle"])
+        yield f"{PASSES}/{name}", style, 1e3 * np.array(values)
+
+
 def near(scene: Scene, corner: int, seen: FloatArray) -> bool:
     """Whether points (n, 2) [mm] reach into the picture of a corner."""
     return bool((np.abs(seen).max(axis=1) < 1.5 * REACH * size(scene, corner)).any())
 
 
 def _label(scene: Scene, corner: int, line: int, text: str, color: tuple[int, int, int]) -> rr.Points2D:
-    """A line of text beyond the right angle, where no path comes."""
+    return label(corner, size(scene, corner), line, text, color)
+
+
+def label(corner: int, scale: float, line: int, text: str, color: tuple[int, int, int]) -> rr.Points2D:
+    """A line of text beyond the right angle, where no path comes; `scale` is that of the picture [mm]."""
     inwards = 1.0 if corner == 0 else -1.0
-    scale = size(scene, corner)
     at = [inwards * 2.3 * scale, (-2.0 + 0.55 * line) * scale]
     return rr.Points2D([at], colors=[color], radii=[pixels(0.0)], labels=[text], show_labels=True, draw_order=7.0)
+
+
+def bounds(corner: int, scale: float) -> rrb.VisualBounds2D:
+    """What is shown of a corner; `scale` is that of the picture [mm]."""
+    reach = (-1.6 * scale, 4.4 * scale)
+    return rrb.VisualBounds2D(x_range=reach if corner == 0 else (-reach[1], -reach[0]), y_range=(-2.2 * scale, 3.8 * scale))

@@ -11,12 +11,17 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from deltaph.telemetry.axes import labelled
+
 FloatArray = NDArray[np.float64]
 
 _COLORS = {"proposed": (90, 190, 255), "comparison": (255, 140, 40)}
 _THREE = ((86, 180, 233), (240, 200, 60), (40, 190, 140))
 _WIDTHS = (2.0, 5.0, 2.0)
 """The second is broad: joints 2 and 3 coincide on a move along x, and one would hide the other."""
+
+_AXES = "x blue, y yellow, z green"
+_ALIKE = "1 blue, 2 yellow, seen as a rim of 3, green"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,13 +91,15 @@ def _write(stream: rr.RecordingStream, entity: str, time: FloatArray, values: Fl
     stream.send_columns(entity, [index], rr.Scalars.columns(scalars=values), strict=True)
 
 
-def _plot(name: str, entity: str, *, legend: bool = True) -> rrb.TimeSeriesView:
+def _plot(name: str, entity: str, values: FloatArray) -> rrb.TimeSeriesView:
+    """A plot of values (n, 3); without a legend, which would hide some of them."""
     return rrb.TimeSeriesView(
         name=name,
         origin="/",
         contents=[entity],
         axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
-        plot_legend=rrb.PlotLegend(visible=legend, corner=rrb.Corner2D.RightTop),
+        axis_y=rrb.ScalarAxis(range=labelled(float(values.min()), float(values.max()), 12)),
+        plot_legend=rrb.PlotLegend(visible=False),
     )
 
 
@@ -121,26 +128,24 @@ def _blueprint(methods: tuple[Method, Method]) -> rrb.Blueprint:
         _space(proposed, f"4 (b) local path: deviations {millimetres}", near, 8.0 * proposed.corner_deviation),
         name="Figure 4",
     )
-    figures = [figure_4]
-    for number, method in enumerate(methods):
-        entity = f"figure_{5 + number}"
-        figures.append(
-            rrb.Vertical(
-                _plot(f"{5 + number} (a) tool velocity, {method.name} method, planned [m/s]", f"{entity}/a"),
-                _plot(f"{5 + number} (b) joint position [deg]: joint 2, broad, lies under joint 3", f"{entity}/b"),
-                _plot(f"{5 + number} (c) joint velocity [rad/s]", f"{entity}/c"),
-                name=f"Figure {5 + number}",
-            )
+    planned = [
+        rrb.Vertical(
+            _plot(f"{n} (a) tool velocity, {m.name} method, planned [m/s]: {_AXES}", f"figure_{n}/a", m.tcp_velocity),
+            _plot(f"{n} (b) joint position [deg]: {_ALIKE}", f"figure_{n}/b", np.degrees(m.joint_position)),
+            _plot(f"{n} (c) joint velocity [rad/s]", f"figure_{n}/c", m.joint_velocity),
+            name=f"Figure {n}",
         )
-    for number, method in enumerate(methods):
-        entity = f"figure_{7 + number}"
-        figures.append(
-            rrb.Vertical(
-                _plot(f"{7 + number} (a) joint velocity, {method.name} method, executed [rad/s]", f"{entity}/a"),
-                _plot(f"{7 + number} (b) motor torque, executed [N.m]: joint 2, broad, lies under joint 3", f"{entity}/b"),
-                name=f"Figure {7 + number}",
-            )
+        for n, m in enumerate(methods, start=5)
+    ]
+    executed = [
+        rrb.Vertical(
+            _plot(f"{n} (a) joint velocity, {m.name} method, executed [rad/s]", f"figure_{n}/a", m.executed_velocity),
+            _plot(f"{n} (b) motor torque, executed [N·m]: {_ALIKE}", f"figure_{n}/b", m.motor_torque),
+            name=f"Figure {n}",
         )
+        for n, m in enumerate(methods, start=7)
+    ]
+    figures = [figure_4, *planned, *executed]
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.TextDocumentView(name="Claims", origin="claims"), rrb.Tabs(*figures, active_tab=0), column_shares=[1, 1]

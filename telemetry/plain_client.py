@@ -32,7 +32,10 @@ def on_sample(sample: zenoh.Sample) -> None:
 
 
 with zenoh.open(config) as session:
-    schema = json.loads(next(iter(session.get(f"deltaph/{cell}/schema"))).ok.payload.to_bytes())["messages"]
+    answers = [reply.ok.payload.to_bytes() for reply in session.get(f"deltaph/{cell}/schema") if reply.ok is not None]
+    if not answers:
+        sys.exit(f"there is no cell {cell} on {endpoint}")
+    schema = json.loads(answers[0])["messages"]
     session.declare_subscriber(f"deltaph/{cell}/*", on_sample)
     ended.wait()
 for name, (first, last) in numbers.items():

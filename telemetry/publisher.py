@@ -19,7 +19,7 @@ from deltaph.telemetry.session import is_alive, open_cell_session, replies
 from deltaph.variables import variable_table
 
 HISTORY = 30_000
-"""Messages of each kind that are kept for those who come late or have lost some: 30 s at 1 kHz, some 80 MB once it is full."""
+"""Messages of each kind that are kept for those who come late or have lost some: 30 s at 1 kHz, some 60 MB once it is full."""
 
 _HEARTBEAT = 0.5  # between two messages that tell Zenoh's own advanced subscribers how many there have been [s]
 _ADMIN_TIMEOUT = 1.0  # for what the session's own administration space answers [s]
@@ -32,8 +32,8 @@ class Publisher:
     The last message is the summary; its attachment tells the last sequence number of each kind: a loss at the end shows as well.
 
     The newest messages are kept by Zenoh's advanced publishers, which any advanced subscriber asks for what it missed. `take` waits
-    while they answer, some 60 ms for 30 s of messages: it belongs into a `BackgroundSink`. Replies are dropped where a reader does
-    not read, not waited for: one that has stopped must not hold up the others.
+    while they answer, up to 0.3 s where that is all they keep: it belongs into a `BackgroundSink`. Replies are dropped where a
+    reader does not read, not waited for: one that has stopped must not hold up the others.
 
     Attributes:
         endpoints: where it listens.

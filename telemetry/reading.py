@@ -56,6 +56,7 @@ class Reading:
         self.lanes: dict[str, Rows] = {}
         self.units: dict[str, str] = {}
         self._properties: dict[str, dict[str, Any]] = {}
+        self._text = ""  # the verdict
         found: dict[tuple[str, str], list[Any]] = {}
         for chunk in _chunks(path):
             entity, batch = chunk.entity_path.strip("/"), chunk.to_record_batch()
@@ -76,6 +77,8 @@ class Reading:
     def _take_static(self, entity: str, components: dict[str, Any]) -> None:
         if entity.startswith("__properties/"):
             self._properties[entity.partition("/")[2]] = components
+        elif entity == "summary":
+            self._text = str(components["TextDocument:text"][0])  # what comes later replaces it
         elif components.get("SeriesLines:names"):
             unit = re.search(r"\[([^\[\]]*)\]$", components["SeriesLines:names"][0])  # joint[1].position has brackets too
             self.units[entity] = unit.group(1) if unit else ""
@@ -89,6 +92,11 @@ class Reading:
     def scenario_json(self) -> str:
         """The scenario."""
         return str(self._properties["scenario"]["json"][0])
+
+    @cached_property
+    def headlines(self) -> list[str]:
+        """The verdict in short; empty where the run ended without one."""
+        return [line.removeprefix("# ") for line in self._text.splitlines() if line.startswith("# ")] if self.summary else []
 
     @cached_property
     def summary(self) -> dict[str, Any] | None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from deltaph.frame import Frame
 from deltaph.telemetry.blueprint import blueprint
-from deltaph.telemetry.corner import executed_entity, marks, near, still_corners
+from deltaph.telemetry.corner import executed_entity, marks, near, passes, still_corners
 from deltaph.telemetry.destination import Destination, RecordingFile
 from deltaph.telemetry.events import EventWatch, level, sentence
 from deltaph.telemetry.keys import FRAME_MESSAGES, MessageName
@@ -57,10 +57,10 @@ class Recorder:
         self._events: list[np.void] = []
         self._held: dict[str, tuple[float, int]] = {}  # value and step of the last row
         self._last: dict[MessageName, Records] = {}  # one record each
+        self._spans: dict[str, tuple[float, float]] = {}  # least and greatest value of each entity
         self._summary: tuple[str, str, Sequence[CornerMark]] | None = None
         self._closed = False
         self._scene = scene
-        self._blueprint = blueprint(scene, live=self._destination.live)
         self._still = list(self._stills())
         self._open_stream: rr.RecordingStream | None = None
 
@@ -95,7 +95,7 @@ class Recorder:
         return (step // self._chunk + 1) * self._chunk
 
     def summary(self, markdown: str, summary_json: str, corners: Sequence[CornerMark] = ()) -> None:
-        """The verdict that `close` writes: a text to read, the facts, and the closest approaches to mark."""
+        """The verdict that `close` writes: a text to read, the facts, and the closest approach of each pass in order of time."""
         self._summary = markdown, summary_json, corners
 
     def close(self) -> None:
@@ -119,7 +119,11 @@ class Recorder:
                 self._stream.send_property("summary", rr.AnyValues(json=facts))
                 for entity, archetype in marks(self._scene, corners):
                     self._stream.log(entity, archetype, static=True, strict=True)
+                if len(corners) > len(CORNERS):
+                    self._write_passes(corners)
                 self._destination.written(self._stream)
+            if self._open_stream is not None and not self._destination.live:  # somebody may be changing the layout of a live one
+                self._open_stream.send_blueprint(blueprint(self._scene, spans=self._spans))
         finally:
             if self._open_stream is not None:
                 self._open_stream.disconnect()
@@ -131,7 +135,7 @@ class Recorder:
         if self._open_stream is None:
             stream = rr.RecordingStream(APPLICATION_ID)
             stream.set_log_time_enabled(False)
-            self._destination.begin(stream, self._blueprint)
+            self._destination.begin(stream, blueprint(self._scene, live=self._destination.live))
             self._open_stream = stream
             stream.send_recording_name(self._scene.title)
             facts = rr.AnyValues(title=self._scene.title, law=self._scene.law, json=self._scene.scenario_json)
@@ -188,10 +192,12 @@ class Recorder:
                 self._write_lane(entity, records, layout(name), field)
         if name == "actual":
             self._write_motion(records)
+        if name == "setpoint" and len(self._scene.moves) > 1:
+            self._write_operations(records)
         if name == "setpoint":
             ends = records[[0, -1]]
             for limit in self._limits:
-                self._send(limit.entity, _index(ends), rr.Scalars.columns(scalars=[limit.values] * 2))
+                self._send_scalars(limit.entity, _index(ends), np.array([limit.values] * 2))
 
     def _write_signal(self, signal: Signal, records: Records, index: list[rr.TimeColumn]) -> None:
         values = signal.values(records)
@@ -203,16 +209,16 @@ class Recorder:
         elif signal.chosen is not None:
             chosen = signal.chosen(records, values)
         if chosen is None:
-            self._send(signal.entity, index, rr.Scalars.columns(scalars=values))
+            self._send_scalars(signal.entity, index, values)
         elif chosen.any():
-            self._send(signal.entity, _index(records, chosen), rr.Scalars.columns(scalars=values[chosen]))
+            self._send_scalars(signal.entity, _index(records, chosen), values[chosen])
 
     def _write_held_ends(self) -> None:
         """A last row for what did not change, so that its line goes on to the end."""
         for signal in self._signals:
             last = self._last.get(signal.message)
             if last is not None and is_held(signal.entity) and self._held[signal.entity][1] != last["sequence"][0]:
-                self._send(signal.entity, _index(last), rr.Scalars.columns(scalars=signal.values(last)))
+                self._send_scalars(signal.entity, _index(last), signal.values(last))
 
     def _write_motion(self, actual: Records, *, last: bool = False) -> None:
         """The robot and its trace. What comes after a whole piece of the trace waits, so that chunks leave no marks."""
@@ -266,10 +272,9 @@ class Recorder:
         for error in TRACKING_ERRORS:
             difference = layout("setpoint").values(setpoint, error.group) - layout("actual").values(actual, error.group)
             if not error.entity.startswith(PLOT):
-                self._send(error.entity, index, rr.Scalars.columns(scalars=difference))
+                self._send_scalars(error.entity, index, difference)
             elif shown.any():
-                rows = rr.Scalars.columns(scalars=error.factor * difference[shown])
-                self._send(error.entity, _index(actual, shown), rows)
+                self._send_scalars(error.entity, _index(actual, shown), error.factor * difference[shown])
 
     def _write_events(self, end: int | None) -> None:
         """What happened before a step, or all of it, in words."""
@@ -288,6 +293,31 @@ class Recorder:
         if len(changed):
             self._send(entity, _index(records[changed]), rr.StateChange.columns(state=[items[value] for value in values[changed]]))
         self._lanes[entity] = int(values[-1])
+
+    def _write_operations(self, setpoint: Records) -> None:
+        """A row where another move begins; none after the last one."""
+        idle = len(self._scene.moves)
+        number = np.where(setpoint["path.phase"] == 0, idle, self._scene.move_at(setpoint["time"]))
+        if (number == idle).any():
+            self._world.ended = min(self._world.ended, float(setpoint["time"][number == idle][0]))
+        changed = np.flatnonzero(np.diff(number, prepend=self._lanes.get("operation", -1)))
+        if len(changed):
+            names = ["none" if move == idle else self._scene.name_of(move) for move in number[changed].tolist()]
+            self._send("operation", _index(setpoint[changed]), rr.StateChange.columns(state=names))
+        self._lanes["operation"] = int(number[-1])
+
+    def _write_passes(self, corners: Sequence[CornerMark]) -> None:
+        """The deviation at each corner, when it was passed."""
+        time = np.rint([1e9 * corner.time for corner in corners]).astype("timedelta64[ns]")
+        for entity, points, values in passes(self._scene, corners):
+            self._stream.log(entity, points, static=True, strict=True)
+            self._send_scalars(entity, [rr.TimeColumn("sim_time", duration=time)], values)
+
+    def _send_scalars(self, entity: str, index: list[rr.TimeColumn], values: FloatArray) -> None:
+        """Rows (n,) or (n, series)."""
+        self._send(entity, index, rr.Scalars.columns(scalars=values))
+        low, high = self._spans.get(entity, (np.inf, -np.inf))
+        self._spans[entity] = min(low, float(values.min())), max(high, float(values.max()))
 
     def _send(self, entity: str, index: list[rr.TimeColumn], columns: Any) -> None:
         self._stream.send_columns(entity, index, columns, strict=True)

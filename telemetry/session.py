@@ -21,10 +21,13 @@ from deltaph.errors import EnvironmentProblem
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """Where a cell listens when nothing else is asked for."""
 
+# A connection that was lost is tried again each second: Zenoh's own pauses grow to 4 s.
+#
 # A message that waits in the sender's queue for longer than `wait_before_drop` is lost, and Zenoh does not say so. The publisher
 # has a thread of its own (BackgroundSink), so it may wait: most of what is too much is then dropped, and counted, at that
 # thread's queue. What a stopped subscriber loses in Zenoh or in the network shows as gaps in its sequence numbers alone.
 _DEFAULTS: dict[str, Any] = {
+    "connect": {"retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2}},
     "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
     "transport": {
         "link": {"tx": {"queue": {"size": {"data": 16}, "congestion_control": {"drop": {"wait_before_drop": 100_000}}}}}  # [us]
@@ -66,7 +69,8 @@ class _Settings:
 
     def __init__(self, mode: str, file: Path | None) -> None:
         if "RUST_LOG" in os.environ:
-            zenoh.try_init_log_from_env()  # Zenoh's own log, on standard output; whom it refuses is told there and nowhere else
+            # Zenoh's own log, on standard output: whom it refuses is told there and nowhere else.
+            zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
         self._file = file
         self._mode = mode
         self._given: dict[str, Any] = {}

@@ -313,16 +313,19 @@ typedef struct dph_peaks {
  * Returned: plan, and status OK; the plan is only meaningful then.
  * Fails:    with a verdict, for every finite or not finite input; never crashes, never loops without end.
  * Cost:     the quadratures of two corners; a pose wherever the last one vouches for no more of the path, some ten in the middle of the
- *           workspace: 60 units, 1.6 us on a 3.5 GHz core (comparison: 15 us). paper_limited: the peaks of some hundred plans besides,
- *           about 22 000 units. time_optimal: some seven hundred poses and at most 55 steps of its solver instead, about 4 000 units. */
+ *           workspace: 20 units (see below), 1.6 us on a 3.5 GHz core (comparison: 15 us). paper_limited: the peaks of some hundred plans
+ *           besides, 16 000 to 28 000 units. time_optimal: some seven hundred poses, verifications and at most 55 steps of its solver
+ *           instead, 3 000 to 10 000 units. */
 dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_workspace *workspace, dph_plan *plan);
 
-/* Work is counted in units, not timed, so that slices of it are the same everywhere. A unit is about one point of the path: a pose with its
- * derivatives and what the limits say there; 0.2 to 0.5 us on a 3 GHz core. A slice of DPH_SLICE units is what a planner may do in one
- * millisecond beside what else it has to do: 0.1 to 0.25 ms there. A PPO of `paper` takes one slice, unless its path runs along a bound. */
+/* Work is counted in units, not timed, so that slices of it are the same everywhere. A unit is the work of about one point of the path: a
+ * pose with its derivatives and what the limits say there, 0.15 to 0.4 us on the machine whose figures the README has. A slice of DPH_SLICE
+ * units is what a planner may do in one millisecond beside all else: 0.18 ms there at most (found on 300 random tasks of all laws). A PPO
+ * of `paper` or `comparison` takes one slice. */
 enum { DPH_SLICE = 512 };
 
 /* Begin to plan a PPO in slices; dph_plan_make is the same thing in one go, and gives the same bits.
+ * Given:    workspace, for every law.
  * Returned: workspace, and plan, which both belong to the planning from now on: they may be copied, as bytes, and go on elsewhere.
  *           Status PLANNING: dph_plan_continue is to follow.
  * Fails:    with a verdict, where a look at the numbers is enough.
@@ -331,7 +334,7 @@ dph_verdict dph_plan_begin(const dph_robot *robot, const dph_task *task, dph_wor
 
 /* Go on planning for some `units` of work.
  * Returned: status PLANNING while there is more to do; else the verdict of dph_plan_make, and no more calls are due.
- * Cost:     the units, and at most some 150 more: work is left at seams only. */
+ * Cost:     the units, and at most 170 more: work is left at seams only. */
 dph_verdict dph_plan_continue(dph_workspace *workspace, dph_plan *plan, int units);
 
 /* The setpoint at a time [s] on the aligned clock, clamped to [0, duration]: before the start the robot rests at the pick point (its phase

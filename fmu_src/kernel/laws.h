@@ -32,8 +32,8 @@ dph_verdict dph_time_optimal_continue(dph_workspace *workspace, dph_plan *plan, 
 /* The motion part of dph_paper_make, on a path that is laid. */
 void dph_paper_move(dph_plan *plan);
 
-/* Work of dph_paper_make and dph_superposition_make [units]: the quadratures of two corners. */
-enum { DPH_CORNER_UNITS = 50 };
+/* Work of laying a path and its corners' quadratures [units]. */
+enum { DPH_CORNER_UNITS = 10 };
 
 /* The motion at nominal time t within a piece, one-sided at its boundaries. */
 void dph_paper_at(const dph_plan *plan, int piece, double t, dph_planar *motion);

@@ -119,8 +119,12 @@ static double try_shape(dph_search *search, dph_plan *plan, const double shape[2
 /* What comes next; SETTLING and PEAKS for the given shape, then for the best one. */
 enum { SEARCH_BEGINS, SEARCHING, SETTLING, PEAKS };
 
-/* Work of a candidate [units]. */
-enum { TRY_UNITS = 6 * (SAMPLES + 1) + DPH_CORNER_UNITS };
+/* Work of a candidate [units], measured: a setpoint for each sample, and half as much again where there are torques. */
+static int try_units(const dph_search *search)
+{
+    enum { SETPOINTS = 6 * (SAMPLES + 1) };
+    return DPH_CORNER_UNITS + (search->bounds.has_torque ? 3 * SETPOINTS / 2 : SETPOINTS);
+}
 
 /* Candidates: the given shape, the grid, then eight around the best one for each halving. The grid has one column more: without any change
  * of speed on the traverse; where the corners leave next to nothing of it, nothing else will do. */
@@ -200,7 +204,7 @@ dph_verdict dph_paper_limited_continue(dph_search *search, dph_plan *plan, int *
                 begin_search(search, &plan->task);
             break;
         case SEARCHING:
-            *units -= TRY_UNITS;
+            *units -= try_units(search);
             try_candidate(search, plan);
             if (search->candidate == CANDIDATES)
                 search->stage = SETTLING;
@@ -211,7 +215,7 @@ dph_verdict dph_paper_limited_continue(dph_search *search, dph_plan *plan, int *
                     plan_with(plan, search->factor[0], search->shape[0]);
                 return verdict;
             }
-            *units -= TRY_UNITS;
+            *units -= try_units(search);
             settle_by_samples(search, plan);
             break;
         default: /* PEAKS */

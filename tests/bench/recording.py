@@ -1,9 +1,9 @@
-"""What recording costs: share of a core, size after optimisation, memory over ten minutes, and how long they take to load.
+"""What recording costs: share of a core, size after optimisation, memory over ten minutes, how long they take to load and to scrub.
 
     python tests/bench/recording.py [SCENARIO.toml]
 
 The frames are those of a real run of one minute, written again and again with their times moved on. The viewer needs a Vulkan
-driver, as `tests/make_pictures.py`; without one the last line is missing.
+driver, as `tests/make_pictures.py`; without one the last lines are missing.
 """
 
 import subprocess
@@ -88,10 +88,16 @@ def main() -> None:
         print(f"memory after each minute: {' '.join(f'{megabytes:.0f}' for megabytes in memory)} MB")
 
         begun = time.monotonic()
-        with viewer_of(ten):
-            print(
-                f"{MINUTES} minutes, {ten.stat().st_size / 1e6:.0f} MB: open in the viewer after {time.monotonic() - begun:.1f} s"
-            )
+        with viewer_of(ten) as viewer:
+            opened, size = time.monotonic() - begun, ten.stat().st_size / 1e6
+            print(f"{MINUTES} minutes, {size:.0f} MB: open in the viewer after {opened:.1f} s")
+            waits = []
+            for part in (0.1, 0.9, 0.5, 0.3, 0.7):
+                begun = time.monotonic()
+                viewer.set_time("sim_time", duration=part * MINUTES * seconds, play_state="paused")
+                viewer.take_screenshot()
+                waits.append(time.monotonic() - begun)
+            print(f"from one moment to another and its picture: {' '.join(f'{wait:.2f}' for wait in waits)} s")
 
 
 if __name__ == "__main__":

@@ -10,6 +10,16 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 
+def static_components(path: Path) -> dict[str, dict[str, Any]]:
+    """The static components of a recording by entity and name; the last of each."""
+    found: dict[str, dict[str, Any]] = {}
+    for chunk in RrdReader(path).stream():
+        if chunk.is_static:
+            batch = chunk.to_record_batch()
+            found.setdefault(chunk.entity_path, {}).update({name: batch.column(name)[-1].as_py() for name in batch.schema.names})
+    return found
+
+
 class Recording:
     """The rows and the static components of a recording, by entity."""
 
@@ -18,16 +28,11 @@ class Recording:
         (self.recording,) = reader.recordings()
         self.blueprints = reader.blueprints()
         self.rows: dict[str, dict[str, NDArray[Any]]] = {}
-        self.static: dict[str, dict[str, Any]] = {}
+        self.static = static_components(path)
         found: dict[str, list[Any]] = {}
         for chunk in reader.stream():
-            batch = chunk.to_record_batch()
-            if chunk.is_static:
-                self.static.setdefault(chunk.entity_path, {}).update(
-                    {name: batch.column(name)[-1].as_py() for name in batch.schema.names}
-                )
-            else:
-                found.setdefault(chunk.entity_path, []).append(batch)
+            if not chunk.is_static:
+                found.setdefault(chunk.entity_path, []).append(chunk.to_record_batch())
         for entity, batches in found.items():
             columns = {
                 name: [value for batch in batches for value in batch.column(name).to_pylist()]

@@ -135,7 +135,7 @@ class Following:
 @contextmanager
 def following(cell: Serving) -> Iterator[Following]:
     """Follow a cell from now on."""
-    with Subscriber(CELL, [cell.endpoint], timeout=DEADLINE) as subscriber:
+    with Subscriber(CELL, [cell.endpoint], timeout=DEADLINE, history=0) as subscriber:
         subscriber.wait_for_cell(DEADLINE)
         found = Following(subscriber)
         wait_until(lambda: found.time >= 0.0)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from integration.read_back import static_components
 from integration.synthetic_cell import frames, scene
 from rerun.chunk import RrdReader
 
@@ -84,7 +85,44 @@ def test_blueprint_and_verdict_are_inside(directory: Path) -> None:
     )
     assert "The paper's section 4" in text
     assert "Time-optimal" in text
+    assert "**Deviation kept within the tolerance of 0.05 mm, by 0.03" in text
+    assert "Joints 2 and 3 move alike" in text
     assert "| duration [ms] | 303.0000 | 224.0000 | -79.0000 (-26.1 %) |" in text
+
+
+@pytest.mark.parametrize("name", ["pick", "place"])
+def test_corners_show_both_motions_from_their_vertices_with_their_distances(directory: Path, name: str) -> None:
+    static = static_components(directory / "both.rrd")
+    circle = np.array(static[f"/corner/{name}/prescribed"]["LineStrips2D:strips"][0])
+    np.testing.assert_allclose(np.linalg.norm(circle, axis=1), 6.0, atol=1e-4)
+    for letter, run in (("a", "paper"), ("b", "time_optimal")):
+        summary = Reading(directory / f"{run}.rrd").summary
+        assert summary is not None
+        distance = 1e3 * summary["executed"]["corners"][("pick", "place").index(name)]["executed_m"]
+        assert static[f"/corner/{name}/label/{letter}"]["Points2D:labels"] == [f"{letter.upper()} {distance:.3f} mm"]
+        spoke = np.array(static[f"/corner/{name}/nearest/{letter}"]["LineStrips2D:strips"][0])
+        assert np.linalg.norm(spoke[1] - spoke[0]) == pytest.approx(distance, abs=1e-3)
+        path = np.array(static[f"/corner/{name}/{letter}"]["LineStrips2D:strips"][0])
+        assert np.linalg.norm(path, axis=1).min() == pytest.approx(distance, abs=0.1)  # samples
+
+
+def test_corners_show_all_passes(directory: Path, tmp_path: Path) -> None:
+    done = deltaph("run", SCENARIOS / "paper.toml", "--no-telemetry", "--cycles", "2", "--record", tmp_path / "cycles.rrd")
+    assert done.returncode == 0, done.stderr
+    compare(directory / "paper.rrd", tmp_path / "cycles.rrd", tmp_path / "c.rrd")
+    static = static_components(tmp_path / "c.rrd")
+    assert len(static["/corner/pick/a"]["LineStrips2D:strips"]) == 1
+    assert len(static["/corner/pick/b"]["LineStrips2D:strips"]) == 3  # two of the four passes are one: the robot stays there
+
+
+def test_differences_along_the_path_are_seen_without_choosing_a_timeline(directory: Path) -> None:
+    static = static_components(directory / "both.rrd")
+    for quantity in ("time_at_point", "tcp/speed"):
+        _, along = rows(directory / "both.rrd", f"difference/{quantity}", PATH_TIMELINE)
+        chart = static[f"/along_path/{quantity}"]
+        values, points = (np.array(chart[f"BarChart:{name}"][0]["buffer"], dtype=float) for name in ("values", "abscissa"))
+        np.testing.assert_allclose(values, along[::10, 0])
+        np.testing.assert_allclose(points, 1.0 * np.arange(len(points)), atol=1e-9)  # a bar for each millimetre
 
 
 def test_one_recording_is_its_plan_against_its_plant(directory: Path) -> None:

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import ctypes as c
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from integration.fmi_slave import ERROR, OK, FmiSlave
+
+from deltaph.fmu.model_description import FmiVersion
+from deltaph.importer import planner_values, task_inputs
+from deltaph.scenario import load_scenario
 
 
 def run(slave: FmiSlave, first: int, n: int) -> list[list[float]]:
@@ -34,6 +39,37 @@ def test_a_restored_state_goes_on_bit_for_bit(running: FmiSlave, new_slave: Call
     assert run(other, 100, 200) == expected
     for slave, it in ((running, state), (other, copy)):
         assert slave.drop(it) == OK
+
+
+@pytest.mark.parametrize("law", ["paper_limited", "time_optimal"])
+@pytest.mark.parametrize("steps", [1, 5])
+def test_unfinished_planning_goes_on_bit_for_bit(dist: Path, version: FmiVersion, tmp_path: Path, law: str, steps: int) -> None:
+    planner, other = (FmiSlave(dist, "planner", version, tmp_path, name=name) for name in ("one", "another"))
+    table, scenario = planner.table, load_scenario(Path(__file__).parents[2] / "scenarios" / f"{law}.toml")
+    for name, value in planner_values(scenario).items():
+        assert planner.put({name: value if table[name].is_float else int(value)}) == OK
+    planner.initialize()
+    run(planner, 0, 50)
+    assert planner.put(task_inputs(scenario.task.reversed())) == OK
+    assert planner.put({"task.trigger": 2}) == OK
+    run(planner, 50, steps)
+    assert planner.get("plan.status", "plan.count") == [table.items("PlanStatus").index("planning"), 1]
+
+    state = planner.save()
+    content = planner.serialize(state)
+    expected = run(planner, 50 + steps, 400)
+    assert planner.get("plan.count") == [2]
+    final = planner.serialize(planner.save())
+    assert planner.restore(state) == OK
+    assert run(planner, 50 + steps, 400) == expected
+    assert planner.serialize(planner.save()) == final
+
+    status, copy = other.deserialize(content)
+    assert status == OK
+    assert other.restore(copy) == OK
+    assert run(other, 50 + steps, 400) == expected
+    for slave in (planner, other):
+        slave.free()
 
 
 def test_equal_instances_have_equal_bytes(new_slave: Callable[..., FmiSlave]) -> None:

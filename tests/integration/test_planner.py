@@ -107,6 +107,80 @@ def test_a_third_request_is_refused_as_busy_and_zero_never_asks(planner: FmiSlav
     assert planner.get("plan.count", "plan.refused") == [2, 1]
 
 
+def ask_back(planner: FmiSlave, scenario: Scenario, trigger: int = 2) -> None:
+    set_all(planner, {**task_inputs(back(scenario)), "task.trigger": trigger})
+
+
+@pytest.mark.parametrize("name", ["time_optimal", "paper_limited"])
+def test_a_slow_plan_is_made_over_steps_and_starts_as_soon_as_it_is_ready(planner: FmiSlave, name: str) -> None:
+    scenario = load_scenario(SCENARIOS / f"{name}.toml")
+    set_all(planner, planner_values(scenario))
+    planner.initialize()
+    play(planner, 0, 400)
+    ask_back(planner, scenario)
+    rows = play(planner, 400, 400)
+    status, phase = (rows[:, OUTPUTS.index(what)] for what in ("plan.status", "path.phase"))
+    planning = int((status == STATUS.index("planning")).sum())
+    assert 4 <= planning <= 60
+    assert (status[:planning] == STATUS.index("planning")).all()
+    assert (status[planning:] == STATUS.index("ok")).all()
+    assert (phase[:planning] == 0).all()
+    assert phase[planning] == TABLE.items("Phase").index("lift")
+    assert (rows[: planning + 1, OUTPUTS.index("plan.busy")] == 1).all()
+    plan = Plan(scenario.robot, back(scenario), scenario.law, scenario.declared_payload, scenario.limits)
+    moving = plan.sample(np.arange(1, 200) / 1000.0)["joint_position"]
+    assert (rows[planning : planning + 199, :3] == moving).all()
+
+
+def test_while_one_is_planned_a_further_request_is_refused_and_changes_nothing(planner: FmiSlave) -> None:
+    scenario = load_scenario(SCENARIOS / "time_optimal.toml")
+    set_all(planner, planner_values(scenario))
+    planner.initialize()
+    play(planner, 0, 10)
+    ask_back(planner, scenario)
+    play(planner, 10, 2)
+    set_all(planner, {"task.trigger": 3, "task.place.x": 0.1})
+    play(planner, 12, 1)
+    assert STATUS[int(planner.get("plan.status")[0])] == "busy"
+    assert planner.get("plan.count", "plan.refused") == [1, 1]
+    rows = play(planner, 13, 600)
+    assert planner.get("plan.count", "plan.refused") == [2, 1]
+    assert rows[-1][OUTPUTS.index("tcp.position.x")] == -0.1525
+    assert STATUS[int(planner.get("plan.status")[0])] == "ok"
+
+
+def test_a_refusal_by_the_law_comes_when_it_is_known(planner: FmiSlave) -> None:
+    scenario = load_scenario(SCENARIOS / "time_optimal.toml")
+    set_all(planner, planner_values(scenario))
+    planner.initialize()
+    play(planner, 0, 300)
+    rest = planner.outputs()[:12]
+    set_all(planner, {**task_inputs(back(scenario)), "task.place.x": 0.9, "task.trigger": 2})
+    play(planner, 300, 30)
+    assert STATUS[int(planner.get("plan.status")[0])] in {"joint_range", "unreachable", "singular"}
+    assert planner.get("plan.count", "plan.refused", "plan.busy") == [1, 1, 0]
+    assert planner.outputs()[:12] == rest
+
+
+@pytest.mark.parametrize("offset", [(3e-7, 0.0, 0.0), (0.0, -2e-7, 5e-7), (0.0, 0.0, -9e-7)])
+def test_a_pick_point_nearly_where_the_robot_rests_is_taken_as_there(planner: FmiSlave, offset: tuple[float, ...]) -> None:
+    scenario = load_scenario(SCENARIOS / "paper.toml")
+    planner.initialize()
+    play(planner, 0, 310)
+    inputs = task_inputs(back(scenario))
+    inputs |= {f"task.pick.{axis}": inputs[f"task.pick.{axis}"] + off for axis, off in zip("xyz", offset, strict=True)}
+    inputs["task.lift_pick"] -= offset[2]
+    set_all(planner, {**inputs, "task.trigger": 2})
+    rows = play(planner, 310, 310)
+    assert planner.get("plan.count") == [2]
+    plan = Plan(scenario.robot, back(scenario), scenario.law)
+    times = np.arange(1, 311) / 1000.0
+    assert rows[:, :3] == pytest.approx(plan.sample(times)["joint_position"], abs=1e-6)
+    first = rows[0, OUTPUTS.index("tcp.position.x") :][:3]
+    assert first == pytest.approx(plan.sample(times[:1])["tcp_position"][0], abs=1e-9)  # from where it rests
+    assert any("plan 2 accepted" in text for _, _, text in planner.messages)
+
+
 def test_a_pick_point_elsewhere_is_refused_and_the_robot_stays(planner: FmiSlave) -> None:
     planner.initialize()
     play(planner, 0, 310)

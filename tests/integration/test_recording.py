@@ -1,16 +1,20 @@
 """Real recordings, read back."""
 
+import re
 import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pyarrow
 import pytest
 import rerun_cli
 from integration.read_back import Recording, assert_same_rows
 from integration.synthetic_cell import DEVIATION, FOREARM, RIGHT_ANGLE_PATH, elbows, frames, scene, values_of
 from numpy.typing import NDArray
+from rerun.chunk import RrdReader
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import TIMING, Frame
@@ -65,7 +69,31 @@ def verify(path: Path) -> None:
 def test_verify_passes_and_the_blueprint_is_inside(file: Path, recording: Recording) -> None:
     verify(file)
     assert recording.recording.application_id == "deltaph"
-    assert [entry.application_id for entry in recording.blueprints] == ["deltaph"]
+    assert {entry.application_id for entry in recording.blueprints} == {"deltaph"}
+
+
+def test_last_blueprint_has_ranges_that_show_what_was_recorded(file: Path, recording: Recording) -> None:
+    reader = RrdReader(file)
+    last = max(recording.blueprints, key=lambda entry: max(newest(chunk) for chunk in reader.stream(store=entry)))
+    titles, ranges = {}, {}
+    for chunk in reader.stream(store=last):
+        batch = chunk.to_record_batch()
+        if "ViewBlueprint:display_name" in batch.schema.names:
+            titles[chunk.entity_path] = batch.column("ViewBlueprint:display_name")[0].as_py()[0]
+        if "ScalarAxis:range" in batch.schema.names:
+            ranges[chunk.entity_path.removesuffix("/ScalarAxis")] = batch.column("ScalarAxis:range")[0].as_py()[0]
+    for words, entity in (("Tool tracking error", "/plot/tcp/tracking_error"), ("Motor torque", "/motor/torque/actual")):
+        ((low, high),) = (ranges[view] for view, title in titles.items() if title.startswith(words))
+        values = recording.scalars(entity)
+        assert low < values.min()
+        assert high > values.max()
+        assert high - low < 4.0 * np.ptp(values)
+
+
+def newest(chunk: Any) -> int:
+    """Wall clock of a chunk of a blueprint [ns]."""
+    batch = chunk.to_record_batch()
+    return int(batch.column("log_time")[-1].value) if "log_time" in batch.schema.names else 0
 
 
 @pytest.mark.parametrize("quantity", ["position", "velocity", "acceleration", "torque"])
@@ -102,6 +130,15 @@ def test_every_signal_has_one_row_per_frame_at_its_time_and_step(recording: Reco
     for entity, rows in signals.items():
         assert rows["sim_time"].tolist() == times, entity
         assert rows["step"].tolist() == list(range(len(FRAMES))), entity
+
+
+def test_timelines_are_a_duration_and_a_sequence(file: Path) -> None:
+    for chunk in RrdReader(file).stream():
+        if not chunk.is_static:
+            schema = chunk.to_record_batch().schema
+            assert set(schema.names) & {"sim_time", "step", "log_time", "log_tick"} == {"sim_time", "step"}, chunk.entity_path
+            assert schema.field("sim_time").type == pyarrow.duration("ns")
+            assert schema.field("step").type == pyarrow.int64()
 
 
 def test_timing_is_recorded(recording: Recording) -> None:
@@ -192,6 +229,14 @@ def test_series_are_named_with_their_unit(recording: Recording) -> None:
     assert recording.static["/joint/velocity/actual"]["SeriesLines:names"][0] == "joint[1].velocity actual [rad/s]"
     assert recording.static["/tcp/tracking_error"]["SeriesLines:names"] == [f"tcp.tracking_error.{axis} [m]" for axis in "xyz"]
     assert recording.static["/joint/torque/limit"]["SeriesLines:names"][0] == "joint.torque limit [N.m]"
+
+
+def test_every_series_has_a_unit(recording: Recording) -> None:
+    named = {entity: static["SeriesLines:names"] for entity, static in recording.static.items() if "SeriesLines:names" in static}
+    assert {entity for entity in recording.rows if "Scalars:scalars" in recording.rows[entity]} == named.keys()
+    for entity, names in named.items():
+        assert len(names) == recording.scalars(entity).shape[1], entity
+        assert all(re.fullmatch(r".+ \[[^\[\]]+\]", name) for name in names), (entity, names)
 
 
 POSES = [*range(0, len(FRAMES), 10), len(FRAMES) - 1]

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.telemetry.reading import Reading
@@ -39,6 +40,7 @@ def test_repaired_copy_is_whole_and_holds_what_was_written(killed: Path, tmp_pat
     assert not is_whole(cut)
     repair(cut, tmp_path / "repaired.rrd")
     assert is_whole(tmp_path / "repaired.rrd")
+    assert len(RrdReader(tmp_path / "repaired.rrd").blueprints()) == 1
     step = Reading(tmp_path / "repaired.rrd").rows["joint/position/setpoint"].step
     assert len(step) >= 1000
     assert np.array_equal(step, np.arange(len(step)))

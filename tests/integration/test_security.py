@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
+from integration.test_cli import DELTAPH, PAPER
 from integration.test_zenoh import free_endpoint, wait_until
 
 from deltaph.errors import EnvironmentProblem
@@ -187,6 +188,38 @@ def test_operator_commands(certificates: Path, tmp_path: Path) -> None:
     ):
         assert command(session) == [b"done"]
         cell.wait_for("obeyed")
+
+
+def test_cell_that_serves_obeys_operators_only(certificates: Path) -> None:
+    endpoint = free_endpoint().replace("tcp/127.0.0.1", "tls/localhost")
+    serving = [
+        str(DELTAPH),
+        "run",
+        str(PAPER),
+        "--serve",
+        "--listen",
+        endpoint,
+        "--zenoh-config",
+        str(edited("cell", certificates)),
+    ]
+
+    def hold(who: str) -> subprocess.CompletedProcess[str]:
+        config = edited("client", certificates, reader=who)
+        command = ["command", "hold", "--cell", CELL, "--connect", endpoint, "--zenoh-config", str(config)]
+        return subprocess.run([str(DELTAPH), *command], capture_output=True, text=True, timeout=DEADLINE, check=False)
+
+    with subprocess.Popen([*serving, "--cell", CELL], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as cell:
+        try:
+            with Subscriber(CELL, [endpoint], 3 * DEADLINE, config=edited("client", certificates)) as subscriber:
+                subscriber.wait_for_cell(DEADLINE)
+                next(subscriber.messages(DEADLINE))  # it runs
+                refused = hold("reader")
+                obeyed = hold("operator")
+        finally:
+            cell.kill()
+    assert refused.returncode == 2, refused.stdout
+    assert "takes no commands" in refused.stderr
+    assert obeyed.returncode == 0, obeyed.stderr
 
 
 def test_who_is_not_on_the_list_gets_nothing(certificates: Path, tmp_path: Path) -> None:

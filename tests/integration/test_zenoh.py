@@ -10,17 +10,20 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 import zenoh
 from integration.synthetic_cell import frames, values_of
+from zenoh import ext
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import Frame
 from deltaph.telemetry import DEFAULT_ENDPOINT, EVENT_KINDS, BackgroundSink, Message, Publisher, Subscriber, layout, schema_document
 from deltaph.telemetry.publisher import HISTORY
+from deltaph.telemetry.session import open_client_session
 
 CELL = "test-cell"
 DEADLINE = 20.0  # [s]
@@ -72,6 +75,22 @@ for frame in frames(10):
     publisher.take(frame)
 print("published", flush=True)
 sys.stdin.read()
+"""
+
+
+TALLYING_READER = """
+import json, sys
+from pathlib import Path
+from deltaph.telemetry import Subscriber
+endpoint, cell, config = sys.argv[1:]
+sequences = {}
+with Subscriber(cell, [endpoint], config=Path(config)) as subscriber:
+    subscriber.wait_for_cell()
+    for name, record in subscriber.messages():
+        if not sequences:
+            print("streaming", flush=True)
+        sequences.setdefault(name, []).append(int(record["sequence"]))
+print(json.dumps({"sequences": sequences, "missing": subscriber.missing, "summary": subscriber.summary}))
 """
 
 
@@ -263,6 +282,65 @@ def test_the_past_is_what_the_cell_keeps_or_as_much_as_is_asked_for() -> None:
                 assert set(subscriber.missing.values()) == {0}
 
 
+def test_zenohs_own_advanced_subscriber_gets_the_history() -> None:
+    offered = frames(50)
+    numbers: list[int] = []
+
+    def take(sample: zenoh.Sample) -> None:
+        numbers.append(int(layout("setpoint").decode(sample.payload.to_bytes())["sequence"]))
+
+    with cell() as publisher, open_client_session(publisher.endpoints, DEADLINE) as session:
+        for frame in offered[:40]:
+            publisher.take(frame)
+        history = ext.HistoryConfig(max_samples=10)
+        advanced = ext.declare_advanced_subscriber(session, f"deltaph/{CELL}/setpoint", take, history=history)
+        publisher.wait_for_subscribers(1, DEADLINE)
+        wait_until(lambda: len(numbers) == 10)
+        for frame in offered[40:]:
+            publisher.take(frame)
+        wait_until(lambda: len(numbers) == 20)
+        advanced.undeclare()
+    assert numbers == list(range(30, 50))
+
+
+@pytest.mark.parametrize("history", [HISTORY, 500])
+def test_who_was_stopped_gets_what_is_kept_and_counts_the_rest(tmp_path: Path, history: int) -> None:
+    config = tmp_path / "lease.json5"  # who is silent for so long is given up, and what was on its way to him is lost [ms]
+    config.write_text("{ transport: { link: { tx: { lease: 1000 } } } }", encoding="utf-8")
+    offered = [frame._replace(step=n, time=1e-3 * n) for n, frame in enumerate(frames(1000) * 8)]
+    command = [sys.executable, "-P", "-c", TALLYING_READER]
+    with cell(history=history) as publisher, ExitStack() as stack:
+        arguments = [*command, publisher.endpoints[0], CELL, str(config)]
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+        reader = stack.enter_context(subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True, env=environment))
+        stack.callback(reader.kill)
+        assert reader.stdout is not None
+        publisher.wait_for_subscribers(1, DEADLINE)
+        streaming = threading.Thread(target=publish_in_real_time, args=(publisher, offered))
+        streaming.start()
+        stack.callback(streaming.join)
+        assert reader.stdout.readline() == "streaming\n"
+        reader.send_signal(signal.SIGSTOP)
+        wait_until(lambda: publisher.subscribers() == 0)
+        given_up = publisher.published
+        wait_until(lambda: publisher.published > given_up + 1000)
+        reader.send_signal(signal.SIGCONT)
+        publisher.wait_for_subscribers(1, DEADLINE)
+        assert publisher.published < len(offered), "it was not back before the end"
+        streaming.join()
+        publisher.set_summary("{}")
+        publisher.close()
+        output, _ = reader.communicate(timeout=DEADLINE)
+    got = json.loads(output)
+    assert got["summary"] == {}
+    for name in ("setpoint", "actual", "timing"):
+        sequences = got["sequences"][name]
+        assert sequences == sorted(set(sequences))
+        assert (sequences[0], sequences[-1]) == (0, len(offered) - 1)
+        assert got["missing"][name] == len(offered) - len(sequences)
+        assert (got["missing"][name] == 0) == (history == HISTORY)
+
+
 def test_what_is_lost_at_the_very_end_is_counted() -> None:
     with cell(history=1) as publisher, following(publisher) as (subscriber, read):
         for frame in frames(10):
@@ -271,7 +349,27 @@ def test_what_is_lost_at_the_very_end_is_counted() -> None:
         publisher.set_summary("{}")
         publisher.close()
         read()
+        assert list(subscriber.messages()) == []  # what is counted is counted once
     assert subscriber.missing == {"setpoint": 3, "actual": 3, "timing": 3, "plan": 0, "event": 0}
+
+
+def test_reading_in_slices_goes_on_where_it_ended_and_ends_with_the_cell() -> None:
+    offered = frames(300)
+    with cell() as publisher, Subscriber(CELL, publisher.endpoints, timeout=DEADLINE) as subscriber:
+        subscriber.wait_for_cell(DEADLINE)
+        publisher.wait_for_subscribers(1, DEADLINE)
+        streaming = threading.Thread(target=publish_in_real_time, args=(publisher, offered))
+        streaming.start()
+        slices = [subscriber.collect(0.05)["actual"] for _ in range(4)]
+        streaming.join()
+        publisher.set_summary("{}")
+        publisher.close()
+        wait_until(lambda: bool(slices.append(subscriber.collect(0.001)["actual"]) or subscriber.summary is not None))
+        slices.append(subscriber.collect()["actual"])
+        assert len(subscriber.collect()["actual"]) == 0  # it has ended, and says so at once
+        assert set(subscriber.missing.values()) == {0}
+    assert sum(len(part) > 0 for part in slices) > 2
+    assert np.concatenate(slices)["sequence"].tolist() == list(range(len(offered)))
 
 
 def test_cell_of_the_same_name_is_refused() -> None:

@@ -9,7 +9,8 @@ from integration.synthetic_cell import random_frame
 
 from deltaph.telemetry import layout
 from deltaph.telemetry.c_header import c_header
-from deltaph.telemetry.keys import FRAME_MESSAGES, MESSAGE_NAMES
+from deltaph.telemetry.events import event
+from deltaph.telemetry.keys import MESSAGE_NAMES, MessageName
 
 FORMATS = {"uint64": "%llu", "float64": "%.17g", "int32": "%d"}
 CASTS = {"uint64": "(unsigned long long)", "float64": "", "int32": "(int)"}
@@ -40,10 +41,11 @@ def reader(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "reader"
 
 
-@pytest.mark.parametrize("name", [*FRAME_MESSAGES, "plan"])
-def test_structures_are_the_bytes_on_the_wire(reader: Path, name: str) -> None:
-    message = layout(name)
-    payload = message.encode(random_frame(5), sequence=2**40)
+@pytest.mark.parametrize("name", MESSAGE_NAMES)
+def test_structures_are_the_bytes_on_the_wire(reader: Path, name: MessageName) -> None:
+    message, frame = layout(name), random_frame(5)
+    source = event(frame, "plan_refused", required=1.5, available=0.25, status=7, count=3) if name == "event" else frame
+    payload = message.encode(source, sequence=2**40)
     printed = subprocess.run([reader, name], input=payload, capture_output=True, check=True).stdout.decode().split()
     assert [float(value) for value in printed] == [float(value) for value in message.as_dict(message.decode(payload)).values()]
     assert len(printed) == len(message.fields)
