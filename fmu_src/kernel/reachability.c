@@ -14,15 +14,15 @@
 #include "time_optimal.h"
 
 /* Intervals of a first, coarse b, in each segment of a side; of the final one about so many, at least so many in each segment. */
-enum { INTERVALS = 54 };
-static const int coarse_intervals[3] = {7, 12, 7}, least_intervals[3] = {3, 13, 3};
+enum { FINE_INTERVALS = 54 };
+static const int coarse_intervals[3] = {7, 12, 7}, fine_intervals[3] = {3, 13, 3};
 
 /* First vertex over second one and second over third, and the same from the other end: at rest q' = q'' = 0, and nothing bounds them.
  * Constant acceleration from rest is b ~ 1/x. */
 static const double rise = 2.2;
 
 /* Repairs at most, and a stretch that is worth none. */
-enum { REPAIRS = 3 };
+enum { FINE_REPAIRS = 3 };
 static const double enough = 1.0005;
 
 /* What the parabolas of the verification may have missed, as a ratio of velocities: found to be below 8e-4 for acceleration, its square;
@@ -457,7 +457,7 @@ double dph_reachability(const dph_plan *plan, dph_workspace *w, int *is_clear)
     survey_begin(&plan->robot, &survey);
     *is_clear = 0;
     for (int fine = 0; fine < 2; ++fine) {
-        dph_knots_lay(plan, &shares, fine ? INTERVALS : 0, fine ? least_intervals : coarse_intervals, w);
+        dph_knots_lay(plan, &shares, fine ? FINE_INTERVALS : 0, fine ? fine_intervals : coarse_intervals, w);
         lay_points(plan, w, fine, &survey);
         if (!survey.reached || w->intervals < 6)
             return 0.0;
@@ -472,7 +472,7 @@ double dph_reachability(const dph_plan *plan, dph_workspace *w, int *is_clear)
     for (int repair = 0;; ++repair) {
         solve(w);
         double stretch = verify(w);
-        if (!(stretch > enough) || repair == REPAIRS)
+        if (!(stretch > enough) || repair == FINE_REPAIRS)
             return stretch * unseen;
         tighten(w, repair > 0);
     }
