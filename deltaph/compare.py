@@ -14,9 +14,9 @@ from rich.table import Table
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.files import check_writable, replace
-from deltaph.plan import Plan
 from deltaph.scenario import Scenario, scenario_from_json
 from deltaph.scene import corner_marks, scene_of
+from deltaph.schedule import Operation, Schedule, schedule
 from deltaph.telemetry.comparison import Comparison
 from deltaph.telemetry.reading import Reading
 from deltaph.telemetry.scene import CornerMark, Scene
@@ -47,19 +47,19 @@ def compare(first: Path, second: Path | None, output: Path) -> dict[str, Any]:
         raise EnvironmentProblem(f"{output} is one of the recordings: name another file with -o")
     readings = [Reading(path) for path in (first, second or first)]
     scenarios = [scenario_from_json(reading.scenario_json) for reading in readings]
-    plans = [Plan.of(scenario) for scenario in scenarios]
+    runs = [schedule(scenario) for scenario in scenarios]
     if second is None:
         names, roles = _ROLES, ("setpoint", "actual")
     else:
         names, roles = _names(readings), ("actual", "actual")
     scenes = [scene_of(scenario) for scenario in scenarios]
     sides = [
-        Side(letter, name, reading, role, scene, _marks(reading, scene, plan, executed=role == "actual"))
-        for letter, name, reading, role, scene, plan in zip("ab", names, readings, roles, scenes, plans, strict=True)
+        Side(letter, name, reading, role, scene, _marks(reading, scene, run.one_pass, executed=role == "actual"))
+        for letter, name, reading, role, scene, run in zip("ab", names, readings, roles, scenes, runs, strict=True)
     ]
     figures = [
-        _figures(scenario, plan, reading, executed=role == "actual")
-        for scenario, plan, reading, role in zip(scenarios, plans, readings, roles, strict=True)
+        _figures(scenario, run, reading, executed=role == "actual")
+        for scenario, run, reading, role in zip(scenarios, runs, readings, roles, strict=True)
     ]
     facts = {
         letter: {"name": name, "title": reading.title, "file": str(reading.path), "verdict": reading.headlines, "figures": found}
@@ -79,42 +79,54 @@ def _names(readings: list[Reading]) -> tuple[str, str]:
     return short[0], short[1]
 
 
-def _marks(reading: Reading, scene: Scene, plan: Plan, *, executed: bool) -> list[CornerMark]:
-    """Where the motion comes closest to each vertex: the worst of all passes, or the plan's."""
+def _of_side(operation: Operation, deviations: Sequence[float], side: int) -> float:
+    """Of deviations in path order the one on the pick (0) or the place side (1); a return begins at the place side."""
+    return float(deviations[side ^ operation.move.is_return])
+
+
+def _marks(reading: Reading, scene: Scene, operations: Sequence[Operation], *, executed: bool) -> list[CornerMark]:
+    """Where the motion comes closest to each vertex: the worst of all passes, or of the plans."""
     if executed:
         return corner_marks(reading.summary, scene) if reading.summary is not None else []
-    move = scene.moves[0]
-    nearest = [move.planned_path[np.argmin(np.linalg.norm(move.planned_path - vertex, axis=1))] for vertex in move.vertices]
-    return [
-        CornerMark(0, side, deviation, deviation, tuple(point.tolist()))
-        for side, (deviation, point) in enumerate(zip(plan.corner_deviation, nearest, strict=True))
-    ]
+    marks = []
+    for side in (0, 1):
+        planned = [_of_side(operation, operation.plan.corner_deviation, side) for operation in operations]
+        worst = int(np.argmax(planned))
+        path, vertex = scene.moves[worst].planned_path, scene.moves[worst].vertices[side]
+        nearest = path[np.argmin(np.linalg.norm(path - vertex, axis=1))]
+        marks.append(CornerMark(worst, side, planned[worst], planned[worst], tuple(nearest.tolist())))
+    return marks
 
 
-def _figures(scenario: Scenario, plan: Plan, reading: Reading, *, executed: bool) -> dict[str, float | str | None]:
-    """What can be put side by side; None where the run ended before it was known."""
-    peaks, summary = plan.peaks, reading.summary if executed else None
+def _figures(scenario: Scenario, run: Schedule, reading: Reading, *, executed: bool) -> dict[str, float | str | None]:
+    """What can be put side by side, the worst of all operations; None where the run ended before it was known."""
+    plans, summary = [operation.plan for operation in run.one_pass], reading.summary if executed else None
     figures: dict[str, float | str | None] = {
         "law": scenario.law.name,
         "drive gains": scenario.gains,
-        "duration [ms]": 1e3 * plan.duration,
-        **{f"prescribed deviation, {side} side [mm]": 1e3 * d for side, d in zip(_SIDES, plan.task.corner_deviation, strict=True)},
-        **{f"planned deviation, {side} side [mm]": 1e3 * d for side, d in zip(_SIDES, plan.corner_deviation, strict=True)},
+        "duration [ms]": float(run.pass_ms),
     }
+    for word in ("prescribed", "planned"):
+        for index, side in enumerate(_SIDES):
+            figures[f"{word} deviation, {side} side [mm]"] = 1e3 * max(
+                _of_side(o, o.plan.task.corner_deviation if word == "prescribed" else o.plan.corner_deviation, index)
+                for o in run.one_pass
+            )
     if executed:
         of_run = summary["executed"] if summary is not None else None
         for index, side in enumerate(_SIDES):
-            found = [c["executed_m"] for c in of_run["corners"] if c["side"] == index] if of_run is not None else []
+            corners = of_run["corners"] if of_run is not None else []
+            found = [corner["executed_m"] for corner in corners if corner["side"] == index and corner["reached"]]
             figures[f"executed deviation, {side} side [mm]"] = 1e3 * max(found) if found else None
         figures["tracking error, tool [mm]"] = 1e3 * of_run["tracking_error_tcp_max_m"] if of_run is not None else None
         figures["motor torque, largest [N·m]"] = max(of_run["motor_torque_max_Nm"]) if of_run is not None else None
         figures["motor torque, rms [N·m]"] = max(of_run["motor_torque_rms_Nm"]) if of_run is not None else None
     figures |= {
-        "planned joint velocity, peak [rad/s]": max(peaks.joint_velocity),
-        "planned joint acceleration, peak [rad/s²]": max(peaks.joint_acceleration),
-        "planned joint torque, peak [N·m]": max(peaks.joint_torque),
-        "planned tool speed, peak [m/s]": peaks.tcp_speed,
-        "planned tool acceleration, peak [m/s²]": peaks.tcp_acceleration,
+        "planned joint velocity, peak [rad/s]": max(max(plan.peaks.joint_velocity) for plan in plans),
+        "planned joint acceleration, peak [rad/s²]": max(max(plan.peaks.joint_acceleration) for plan in plans),
+        "planned joint torque, peak [N·m]": max(max(plan.peaks.joint_torque) for plan in plans),
+        "planned tool speed, peak [m/s]": max(plan.peaks.tcp_speed for plan in plans),
+        "planned tool acceleration, peak [m/s²]": max(plan.peaks.tcp_acceleration for plan in plans),
     }
     if executed:
         missed = [c["name"] for c in summary["expect"] if not c["ok"]] if summary is not None else None
@@ -135,7 +147,10 @@ def _markdown(facts: dict[str, Any], scenes: Sequence[Scene]) -> str:
         lines += [f"**{letter.upper()}** {side['title']}{role}{verdict}", ""]
     lines += ["| | A | B | B - A |", "|---|---|---|---|"]
     lines += [f"| {' | '.join(row)} |" for row in _rows(facts)]
-    lines += ["", "Of many passes the worst counts, here and at the corners. In plots of joints 1 is blue, 2 yellow, 3 green."]
+    lines += [
+        "",
+        "Of many operations and passes the worst counts, here and at the corners. In plots of joints 1 is blue, 2 yellow, 3 green.",
+    ]
     if all(scene.coinciding_joints == (2, 3) for scene in scenes):
         lines[-1] += " Joints 2 and 3 move alike: 3 lies on 2, whose rim is seen."
     lines[-1] += (

@@ -75,9 +75,8 @@ def _corner(scene: Scene, index: int) -> rrb.Spatial2DView:
 
 def _within(spans: Spans, contents: Sequence[str]) -> tuple[float, float] | None:
     """A range of values for what is plotted; None where nothing is known of it."""
-    found = [
-        span for entity, span in spans.items() if any(entity == c or entity.startswith(c.removesuffix("**")) for c in contents)
-    ]
+    below = tuple(content.removesuffix("**") for content in contents if content.endswith("/**"))
+    found = [span for entity, span in spans.items() if entity in contents or entity.startswith(below)]
     return labelled(min(low for low, _ in found), max(high for _, high in found)) if found else None
 
 
