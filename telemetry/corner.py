@@ -10,7 +10,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from deltaph.telemetry.scene import CornerMark, FloatArray, Scene
-from deltaph.telemetry.signals import CORNER, EXECUTED, LIMIT, PLANNED
+from deltaph.telemetry.signals import CORNER, EXECUTED, LIMIT, PLANNED, color_of_plan
 from deltaph.telemetry.world import CORNERS, pixels
 
 REACH = 4.5
@@ -54,15 +54,15 @@ def still_corners(scene: Scene) -> Iterator[tuple[str, Any]]:
 
 def marks(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str, Any]]:
     """Where the executed path comes closest to each vertex, and how close, in words."""
+    plan_color = color_of_plan(scene)
     for mark in found:
         entity, move = f"corner/{CORNERS[mark.corner]}", scene.moves[mark.move]
         where = f", {move.name or f'move {mark.move + 1}'}" if len(scene.moves) > 1 else ""
         nearest = move.seen_from(mark.corner, np.array(mark.nearest))
         distances = move.seen_from(mark.corner, move.planned_path)
         planned = distances[np.argmin(np.linalg.norm(distances, axis=1))]
-        color_of_plan = CORNER if move.corner_paths else PLANNED
         for name, point, distance, color, line in (
-            ("planned", planned, mark.planned, color_of_plan, 1),
+            ("planned", planned, mark.planned, plan_color, 1),
             ("executed", nearest, mark.executed, EXECUTED, 2),
         ):
             yield (
@@ -74,7 +74,7 @@ def marks(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str, Any]
         spokes = [[[0.0, 0.0], planned], [[0.0, 0.0], nearest]]
         yield (
             f"{entity}/nearest/distance",
-            rr.LineStrips2D(spokes, colors=[color_of_plan, EXECUTED], radii=[pixels(0.5)], draw_order=4.5),
+            rr.LineStrips2D(spokes, colors=[plan_color, EXECUTED], radii=[pixels(0.5)], draw_order=4.5),
         )
 
 

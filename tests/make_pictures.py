@@ -27,8 +27,8 @@ CORNERS = ("Pick corner [mm]", "Place corner [mm]")
 GAP = 12
 """Between pictures side by side [pixels]."""
 
-COLORS = 96
-"""Of a picture: a viewer's has few, and a palette makes a third of the file."""
+COLORS = 192
+"""Of a picture: a viewer's has few, and a palette halves the file."""
 
 
 @contextmanager
