@@ -28,7 +28,7 @@ GAP = 12
 """Between pictures side by side [pixels]."""
 
 COLORS = 192
-"""Of a picture: a viewer's has few, and a palette halves the file."""
+"""Of a picture: a viewer's has few, and a palette makes a third of the file."""
 
 
 @contextmanager
