@@ -17,6 +17,7 @@ from rich.table import Table
 from deltaph.execution import Trace
 from deltaph.fmu import cached_fmus
 from deltaph.importer import cosimulate
+from deltaph.kernel import ffi, lib
 from deltaph.plan import Plan
 from deltaph.scenario import Law, Limits, Scenario
 from deltaph.schedule import schedule
@@ -71,6 +72,20 @@ def papers_peaks(plan: Plan) -> Limits:
     return Limits(velocity, acceleration, jerk, UNLIMITED, float("inf"))
 
 
+def in_kernel(plan: Plan) -> Callable[[], float]:
+    """What the kernel does for a plan and its setpoints: two calls, arguments at hand; not for the law `time_optimal`."""
+    grid = plan.grid()
+    setpoints, struct = ffi.new("dph_setpoint[]", len(grid)), ffi.new("dph_plan *")
+    task, times = ffi.addressof(plan._struct, "task"), ffi.from_buffer("double[]", grid)
+
+    def work() -> float:
+        lib.dph_plan_make(plan.robot.struct, task, ffi.NULL, struct)
+        lib.dph_plan_sample_array(struct, len(grid), times, setpoints)
+        return float(struct.nominal_duration)
+
+    return work
+
+
 def _own(scenario: Scenario, limits: Limits) -> list[Contender]:
     def planned(law: Law, limits: Limits) -> Callable[[], float]:
         return lambda: Plan(scenario.robot, scenario.task, law, scenario.payload, limits).nominal_duration
@@ -85,6 +100,7 @@ def _own(scenario: Scenario, limits: Limits) -> list[Contender]:
     return [
         Contender("paper: plan", planned(scenario.law, limits)),
         Contender(f"paper: plan and {len(grid)} setpoints with joints and torques", lambda: sampled(len(grid))),
+        Contender("paper: the same in the kernel alone", in_kernel(Plan.of(scenario))),
         Contender("paper_limited: plan", planned(replace(scenario.law, name="paper_limited"), limits)),
         Contender("time_optimal: velocity, acceleration", planned(optimal, replace(limits, joint_jerk=UNLIMITED))),
         Contender("time_optimal: velocity, acceleration, jerk", planned(optimal, limits)),

@@ -363,16 +363,16 @@ def _millimetres(option: str, text: str | None, counts: tuple[int, ...]) -> tupl
 
 @command_app.command("ppo")
 def command_ppo(
-    place: Annotated[str, typer.Option("--place", metavar="X,Y,Z", help="place point [mm]")],
+    place: Annotated[str, typer.Option("--place", metavar="X,Y,Z", help="place point, mm")],
     pick: Annotated[
-        str | None, typer.Option("--pick", metavar="X,Y,Z", help="pick point [mm]; without it: where the robot rests")
+        str | None, typer.Option("--pick", metavar="X,Y,Z", help="pick point, mm; without it: where the robot rests")
     ] = None,
-    lift: Annotated[str | None, typer.Option("--lift", metavar="H[,H]", help="lift height [mm]; pick side, place side")] = None,
+    lift: Annotated[str | None, typer.Option("--lift", metavar="H[,H]", help="lift height, mm; pick side, place side")] = None,
     corner_deviation: Annotated[
-        str | None, typer.Option("--corner-deviation", metavar="D[,D]", help="prescribed corner deviation [mm]")
+        str | None, typer.Option("--corner-deviation", metavar="D[,D]", help="prescribed corner deviation, mm")
     ] = None,
-    payload: Annotated[float | None, typer.Option("--payload", metavar="M", help="mass that is carried [kg]", min=0.0)] = None,
-    dwell: Annotated[float | None, typer.Option("--dwell", metavar="T", help="rest before the motion [ms]", min=0.0)] = None,
+    payload: Annotated[float | None, typer.Option("--payload", metavar="M", help="mass that is carried, kg", min=0.0)] = None,
+    dwell: Annotated[float | None, typer.Option("--dwell", metavar="T", help="rest before the motion, ms", min=0.0)] = None,
     json_file: JsonOption = None,
     connect: ConnectOption = None,
     cell: CellOption = "cell1",

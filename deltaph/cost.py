@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from deltaph.bench import Contender, in_turns
+from deltaph.bench import Contender, in_kernel, in_turns
 from deltaph.claims import Claim
 from deltaph.kernel import ffi, lib
 from deltaph.plan import Plan
@@ -33,20 +33,6 @@ ROUNDS = 500
 
 SLIGHTLY = 1.0 + 1e-9
 """A deviation so many times as large makes another corner of next to the same shape."""
-
-
-def _ppo(plan: Plan) -> Callable[[], float]:
-    """What the kernel does for one PPO: two calls, arguments at hand."""
-    time = plan.grid()
-    setpoints, struct = ffi.new("dph_setpoint[]", len(time)), ffi.new("dph_plan *")
-    task, times = ffi.addressof(plan._struct, "task"), ffi.from_buffer("double[]", time)
-
-    def work() -> float:
-        lib.dph_plan_make(plan.robot.struct, task, ffi.NULL, struct)
-        lib.dph_plan_sample_array(struct, len(time), times, setpoints)
-        return float(struct.nominal_duration)
-
-    return work
 
 
 def _planned(plan: Plan) -> Callable[[], float]:
@@ -144,7 +130,13 @@ def cost_claims(scenario: Scenario) -> list[Claim]:
         planned.sample(planned.grid())
         return planned.nominal_duration
 
-    works = (_ppo(plan), through_python, _planned(plan), _planned(unequal), *(_inverted(plan, np.tile(time, n)) for n in (1, 2)))
+    works = (
+        in_kernel(plan),
+        through_python,
+        _planned(plan),
+        _planned(unequal),
+        *(_inverted(plan, np.tile(time, n)) for n in (1, 2)),
+    )
     timings = in_turns([Contender("", work) for work in works], ROUNDS)
     ppo, python, equal, both, one_corner, two_corners = (timing.median_us for timing in timings)
     (coarse, fine), steps = papers_iterations(plan), kernels_steps(plan)

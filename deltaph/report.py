@@ -250,6 +250,22 @@ def worst_corners(facts: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return sorted(worst.values(), key=corner_excess, reverse=True)
 
 
+def corner_name(corner: Mapping[str, Any], facts: Mapping[str, Any]) -> str:
+    """Which of the corners of a run's JSON report it is."""
+    side = f"{('pick', 'place')[corner['side']]} side"
+    return f"{corner['move']}, {side}" if facts["sequence"] else side
+
+
+def reductions(corners: Sequence[Mapping[str, Any]], facts: Mapping[str, Any]) -> list[str]:
+    """Why less was planned than prescribed; of a sequence each reason once, with the first corner that has it."""
+    found: dict[str, str] = {}
+    for corner in corners:
+        name, why = corner_name(corner, facts), reduced_text(corner["prescribed_m"], corner["planned_m"], corner["bound"])
+        if why:
+            found.setdefault(why if facts["sequence"] else name, f"{name}: {why}")
+    return list(found.values())[:WORST]
+
+
 def _rank(corner: Mapping[str, Any]) -> tuple[bool, float]:
     return corner["reached"], corner_excess(corner)
 
@@ -265,29 +281,24 @@ def _print_corners(console: Console, facts: Mapping[str, Any], tolerance: float)
     table = Table(head, "prescribed", "planned", "executed", "kept in the machine", box=None, pad_edge=False)
     corners = worst_corners(facts)
     shown = corners[:WORST] if facts["sequence"] else corners
-    remarks = []
     for corner in shown:
-        side = f"{('pick', 'place')[corner['side']]} side"
-        name = f"{corner['move']}, {side}" if facts["sequence"] else side
         excess = corner_excess(corner) - tolerance
         verdict = _mark(excess <= 0.0) + ("" if excess <= 0.0 else f", by {1e3 * excess:.4f} mm")
         if not corner["reached"]:
             verdict = "[bold red]not reached[/]"
         table.add_row(
-            name,
+            corner_name(corner, facts),
             f"{1e3 * corner['prescribed_m']:g}",
             f"{1e3 * corner['planned_m']:.4f}",
             f"{1e3 * corner['executed_m']:.4f}",
             verdict,
         )
-        if corner["bound"]:
-            remarks.append(f"{name}: {reduced_text(corner['prescribed_m'], corner['planned_m'], corner['bound'])}")
     others = corners[len(shown) :]
     if others:
         lost = sum(corner_excess(corner) > tolerance for corner in others)
         table.add_row(f"and {len(others)} more", "", "", "", _mark(not lost) + (f", {lost} of them" if lost else ""))
     console.print(table)
-    for remark in [*remarks, f"tolerance {1e3 * tolerance:g} mm"]:
+    for remark in [*reductions(corners, facts), f"tolerance {1e3 * tolerance:g} mm"]:
         console.print(remark, soft_wrap=True)
 
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from deltaph.plan import Plan
-from deltaph.report import corner_excess
 from deltaph.scenario import Scenario
 from deltaph.schedule import Operation, Schedule, schedule
 from deltaph.telemetry.scene import CornerMark, Move, Scene
@@ -52,18 +51,21 @@ def scene_of(scenario: Scenario) -> Scene:
 
 
 def corner_marks(facts: Mapping[str, Any], scene: Scene) -> list[CornerMark]:
-    """Of a run's JSON report, the worst pass on each side that was reached, pick side first.
+    """Of a run's JSON report, the passes that reached their corner, in order of time.
 
     Of cycles, the way back passes the corners of the same move in the other order.
     """
-    worst: dict[int, Mapping[str, Any]] = {}
-    for corner in facts["executed"]["corners"]:
-        side = corner["side"]
-        if corner["reached"] and (side not in worst or corner_excess(corner) > corner_excess(worst[side])):
-            worst[side] = corner
     return [
-        CornerMark(found["operation"] % len(scene.moves), side, found["planned_m"], found["executed_m"], found["nearest_m"])
-        for side, found in sorted(worst.items())
+        CornerMark(
+            corner["operation"] % len(scene.moves),
+            corner["side"],
+            corner["planned_m"],
+            corner["executed_m"],
+            corner["nearest_m"],
+            corner["time_s"],
+        )
+        for corner in facts["executed"]["corners"]
+        if corner["reached"]
     ]
 
 
@@ -96,6 +98,7 @@ def _coinciding_joints(plans: Sequence[Plan]) -> tuple[int, ...]:
 
 
 def _payload(scenario: Scenario, run: Schedule) -> list[tuple[float, float]]:
-    """What the robot really carries in the first pass, as (from when [s], mass [kg])."""
+    """What the robot really carries, as (from when on the planner's clock [s], mass [kg])."""
     faults = [(fault.time, fault.inputs["payload.mass"]) for fault in scenario.faults if "payload.mass" in fault.inputs]
-    return sorted([*run.payload_changes, *faults], key=lambda change: change[0])
+    changes = sorted([*run.payload_changes, *faults], key=lambda change: change[0])
+    return [(float(run.clock.at(np.array([time]))[0]), mass) for time, mass in changes]

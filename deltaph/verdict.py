@@ -11,7 +11,7 @@ from typing import Any
 
 from deltaph.checks import deviation_tolerance
 from deltaph.fmu.sources import token
-from deltaph.report import WORST, corner_excess, found_text, payload_text, reduced_text, worst_corner, worst_corners
+from deltaph.report import WORST, corner_excess, found_text, payload_text, reductions, worst_corner, worst_corners
 from deltaph.scenario import Scenario
 from deltaph.variables import variable_table
 
@@ -226,12 +226,9 @@ def _corners(facts: Mapping[str, Any], tolerance: float) -> Iterator[str]:
                 yield _row(name + (f", worst of {passes // 2}" if passes > 2 else ""), found[0], tolerance)
             else:
                 yield f"| {name} | | | not reached | | |"
-    reduced = {(corner["prescribed_m"], corner["planned_m"], corner["bound"]): corner for corner in corners if corner["bound"]}
-    if reduced:
+    if reasons := reductions(corners, facts):
         yield ""
-    for facts_of_it, corner in list(reduced.items())[:WORST]:
-        where = f"{corner['move']}, {SIDES[corner['side']]}" if facts["sequence"] is not None else SIDES[corner["side"]]
-        yield f"- {where}: {reduced_text(*facts_of_it)}"
+        yield from (f"- {reason}" for reason in reasons)
 
 
 def _row(name: str, corner: Mapping[str, Any], tolerance: float) -> str:

@@ -138,9 +138,11 @@ def _deviations(scene: Scene, spans: Spans) -> rrb.Container | rrb.View:
     entity = f"{PLOT}path/deviation/**"
     if len(scene.moves) > 1:
         top = 4.0 * max(corner.size(scene, 0), corner.size(scene, 1))
-        planned = "magenta" if color_of_plan(scene) == CORNER else "blue"
-        title = f"Distance to the nearer vertex [mm]: planned {planned}, executed orange, prescribed red"
-        return _plot(spans, title, entity, within=(0.0, top))
+        planned = "violet" if color_of_plan(scene) == CORNER else "blue"
+        return rrb.Vertical(
+            _plot(spans, "Deviation at each corner [mm]: planned violet, executed orange, prescribed red", f"{corner.PASSES}/**"),
+            _plot(spans, f"Distance to the nearer vertex [mm]: planned {planned}, executed orange", entity, within=(0.0, top)),
+        )
     views = []
     for index, name in enumerate(CORNERS):
         size = corner.size(scene, index)
@@ -174,8 +176,8 @@ def blueprint(scene: Scene, *, live: bool = False, spans: Spans = _NO_SPANS) -> 
         _deviations(scene, spans),
         plot("Tool tracking error, setpoint - actual [mm]: x red, y green, z blue", f"{PLOT}tcp/tracking_error"),
         plot(f"Joint tracking error [deg]: {joints}", f"{PLOT}joint/tracking_error"),
-        rrb.StateTimelineView(name="Phase and trip", origin="/", contents=["phase", "trip"]),
-        row_shares=[3, 2.5, 2.5, 1.5],
+        rrb.StateTimelineView(name="Phase and trip", origin="/", contents=["operation", "phase", "trip"]),
+        row_shares=[3, 2.5, 2.5, 1.5] if len(scene.moves) == 1 else [5, 2, 2, 1.5],
         name="Deviation",
     )
     motion = rrb.Vertical(
@@ -210,7 +212,7 @@ def blueprint(scene: Scene, *, live: bool = False, spans: Spans = _NO_SPANS) -> 
             origin="event",
             columns=rrb.TextLogColumns(timeline_columns=["sim_time"], text_log_columns=["LogLevel", "Body"]),
         ),
-        rrb.StateTimelineView(name="Phase and trip", origin="/", contents=["phase", "trip"]),
+        rrb.StateTimelineView(name="Phase and trip", origin="/", contents=["operation", "phase", "trip"]),
         row_shares=[3, 1],
         name="Events",
     )

@@ -157,8 +157,9 @@ class Cell(Protocol):
 class CommandService:
     """Answers the commands to a cell.
 
-    The override is taken in Zenoh's thread, at once and always. A PPO is handed to a thread of its own, one at a time; what comes
-    meanwhile is refused as busy, so that a flood costs its senders an answer and the step loop nothing.
+    The override is taken in Zenoh's thread, at once and always: a hold is heard in a flood. A PPO is handed to a thread of its own,
+    one at a time; what comes meanwhile is refused as busy. The step loop never waits for either, but Zenoh's threads and the loop
+    share the interpreter: a flood makes steps late by tenths of a millisecond. An access list says who may command.
 
     Attributes:
         counts: commands so far by outcome (COMMANDS, OUTCOMES); replaced, never written.
@@ -207,9 +208,9 @@ class CommandService:
         length = 0 if query.payload is None else len(query.payload)
         if length > MAX_REQUEST:
             reason = f"the request has {length} bytes: at most {MAX_REQUEST}"
-            self._reply(query, self._refusal(command, "invalid", reason))
             if command == "ppo":
                 self._free = True
+            self._reply(query, self._refusal(command, "invalid", reason))
             return
         payload = b"" if query.payload is None else query.payload.to_bytes()
         if command == "ppo":
@@ -235,9 +236,9 @@ class CommandService:
             (query, payload), self._ppo = self._ppo, None
             request = _parse("ppo", payload)
             reply = self._decide(request) if isinstance(request, PpoRequest) else self._refusal("ppo", "invalid", str(request))
+            self._free = True  # before the answer: who has it may send the next one
             self._reply(query, reply)
             del query  # which ends it
-            self._free = True
 
     def _decide(self, request: PpoRequest) -> Reply:
         try:
@@ -252,7 +253,10 @@ class CommandService:
         self._count(reply.command, reply.outcome)
         self._journal(f"command {reply.command} {sentence(reply)}")
         document = reply.model_dump_json().encode()
-        query.reply(self._keys.command(reply.command), document, encoding=zenoh.Encoding.APPLICATION_JSON)
+        try:
+            query.reply(self._keys.command(reply.command), document, encoding=zenoh.Encoding.APPLICATION_JSON)
+        except zenoh.ZError as error:
+            self._journal(f"command {reply.command} could not be answered: {error}")
 
     def _count(self, command: Command, outcome: Outcome) -> None:
         with self._lock:

@@ -10,7 +10,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from deltaph.telemetry.scene import CornerMark, FloatArray, Scene
-from deltaph.telemetry.signals import CORNER, EXECUTED, LIMIT, PLANNED, color_of_plan
+from deltaph.telemetry.signals import CORNER, EXECUTED, LIMIT, PLANNED, PLOT, color_of_plan
 from deltaph.telemetry.world import CORNERS, pixels
 
 REACH = 4.5
@@ -52,12 +52,21 @@ def still_corners(scene: Scene) -> Iterator[tuple[str, Any]]:
         yield f"{entity}/label/prescribed", _label(scene, index, 0, f"prescribed {words} mm", LIMIT)
 
 
-def marks(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str, Any]]:
-    """Where the executed path comes closest to each vertex, and how close, in words."""
-    plan_color = color_of_plan(scene)
+def worst(scene: Scene, found: Sequence[CornerMark]) -> list[CornerMark]:
+    """The worst of all passes on each side, pick side first."""
+    of_side: dict[int, CornerMark] = {}
     for mark in found:
+        if mark.corner not in of_side or _excess(scene, mark) > _excess(scene, of_side[mark.corner]):
+            of_side[mark.corner] = mark
+    return [mark for _, mark in sorted(of_side.items())]
+
+
+def marks(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str, Any]]:
+    """Where the executed path comes closest to a vertex of each side, in the worst of all passes, and how close, in words."""
+    plan_color = color_of_plan(scene)
+    for mark in worst(scene, found):
         entity, move = f"corner/{CORNERS[mark.corner]}", scene.moves[mark.move]
-        where = f", {move.name or f'move {mark.move + 1}'}" if len(scene.moves) > 1 else ""
+        where = f", {scene.name_of(mark.move)}" if len(scene.moves) > 1 else ""
         nearest = move.seen_from(mark.corner, np.array(mark.nearest))
         distances = move.seen_from(mark.corner, move.planned_path)
         planned = distances[np.argmin(np.linalg.norm(distances, axis=1))]
@@ -76,6 +85,28 @@ def marks(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str, Any]
             f"{entity}/nearest/distance",
             rr.LineStrips2D(spokes, colors=[plan_color, EXECUTED], radii=[pixels(0.5)], draw_order=4.5),
         )
+
+
+def _excess(scene: Scene, mark: CornerMark) -> float:
+    """By how much the executed path of a pass is further away from the vertex than prescribed [m]."""
+    return mark.executed - float(scene.moves[mark.move].corner_deviation[mark.corner])
+
+
+PASSES = f"{PLOT}corner/deviation"
+"""Where the deviation of each pass of a corner is."""
+
+
+def passes(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str, Any, FloatArray]]:
+    """Entities, styles and values of the deviation at each corner in order of time: prescribed, planned and executed [mm]."""
+    prescribed = [float(scene.moves[mark.move].corner_deviation[mark.corner]) for mark in found]
+    for name, values, color, size in (
+        ("executed", [mark.executed for mark in found], EXECUTED, 3.5),
+        ("planned", [mark.planned for mark in found], CORNER, 3.5),
+        ("prescribed", prescribed, LIMIT, 1.5),
+    ):
+        names = [f"corner deviation {name} [mm]"]
+        style = rr.SeriesPoints(names=names, colors=[color], marker_sizes=[size], markers=["circle"])
+        yield f"{PASSES}/{name}", style, 1e3 * np.array(values)
 
 
 def near(scene: Scene, corner: int, seen: FloatArray) -> bool:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from deltaph.frame import Frame
 from deltaph.telemetry.blueprint import blueprint
-from deltaph.telemetry.corner import executed_entity, marks, near, still_corners
+from deltaph.telemetry.corner import executed_entity, marks, near, passes, still_corners
 from deltaph.telemetry.destination import Destination, RecordingFile
 from deltaph.telemetry.events import EventWatch, level, sentence
 from deltaph.telemetry.keys import FRAME_MESSAGES, MessageName
@@ -95,7 +95,7 @@ class Recorder:
         return (step // self._chunk + 1) * self._chunk
 
     def summary(self, markdown: str, summary_json: str, corners: Sequence[CornerMark] = ()) -> None:
-        """The verdict that `close` writes: a text to read, the facts, and the closest approaches to mark."""
+        """The verdict that `close` writes: a text to read, the facts, and the closest approach of each pass in order of time."""
         self._summary = markdown, summary_json, corners
 
     def close(self) -> None:
@@ -119,6 +119,8 @@ class Recorder:
                 self._stream.send_property("summary", rr.AnyValues(json=facts))
                 for entity, archetype in marks(self._scene, corners):
                     self._stream.log(entity, archetype, static=True, strict=True)
+                if len(corners) > len(CORNERS):
+                    self._write_passes(corners)
                 self._destination.written(self._stream)
             if self._open_stream is not None and not self._destination.live:  # somebody may be changing the layout of a live one
                 self._open_stream.send_blueprint(blueprint(self._scene, spans=self._spans))
@@ -190,6 +192,8 @@ class Recorder:
                 self._write_lane(entity, records, layout(name), field)
         if name == "actual":
             self._write_motion(records)
+        if name == "setpoint" and len(self._scene.moves) > 1:
+            self._write_operations(records)
         if name == "setpoint":
             ends = records[[0, -1]]
             for limit in self._limits:
@@ -289,6 +293,25 @@ class Recorder:
         if len(changed):
             self._send(entity, _index(records[changed]), rr.StateChange.columns(state=[items[value] for value in values[changed]]))
         self._lanes[entity] = int(values[-1])
+
+    def _write_operations(self, setpoint: Records) -> None:
+        """A row where another move begins; none after the last one."""
+        idle = len(self._scene.moves)
+        number = np.where(setpoint["path.phase"] == 0, idle, self._scene.move_at(setpoint["time"]))
+        if (number == idle).any():
+            self._world.ended = min(self._world.ended, float(setpoint["time"][number == idle][0]))
+        changed = np.flatnonzero(np.diff(number, prepend=self._lanes.get("operation", -1)))
+        if len(changed):
+            names = ["none" if move == idle else self._scene.name_of(move) for move in number[changed].tolist()]
+            self._send("operation", _index(setpoint[changed]), rr.StateChange.columns(state=names))
+        self._lanes["operation"] = int(number[-1])
+
+    def _write_passes(self, corners: Sequence[CornerMark]) -> None:
+        """The deviation at each corner, when it was passed."""
+        time = np.rint([1e9 * corner.time for corner in corners]).astype("timedelta64[ns]")
+        for entity, points, values in passes(self._scene, corners):
+            self._stream.log(entity, points, static=True, strict=True)
+            self._send_scalars(entity, [rr.TimeColumn("sim_time", duration=time)], values)
 
     def _send_scalars(self, entity: str, index: list[rr.TimeColumn], values: FloatArray) -> None:
         """Rows (n,) or (n, series)."""

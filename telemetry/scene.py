@@ -85,7 +85,7 @@ class Scene:
         platform_offsets: from the tool centre point to the forearms' joints on the platform (3, 3) [m].
         elbows: joint positions (n, 3) [rad] -> elbows (n, 3 arms, 3) [m].
         rod_spacing: half the distance between the two rods of a forearm, for the drawing [m].
-        payload: what the robot carries, as (from when [s], mass [kg]).
+        payload: what the robot carries, as (from when on the clock [s], mass [kg]); it repeats with the moves.
     """
 
     title: str
@@ -111,6 +111,10 @@ class Scene:
             if np.shape(getattr(self, name)) != (3, 3):
                 raise ValueError(f"{name} has the shape {np.shape(getattr(self, name))} instead of (3, 3)")
 
+    def name_of(self, number: int) -> str:
+        """What a move is called."""
+        return self.moves[number].name or f"move {number + 1}"
+
     @property
     def corner_deviation(self) -> FloatArray:
         """Prescribed, at the two vertices of each move (moves, 2) [m]."""
@@ -119,9 +123,19 @@ class Scene:
     def move_at(self, time: FloatArray) -> NDArray[np.intp]:
         """Number of the move that runs at times (n,) [s]; the first before, the last after, unless they repeat."""
         starts = [move.start for move in self.moves]
+        return np.maximum(np.searchsorted(starts, self._in_pass(time), side="right") - 1, 0)
+
+    def carried(self, time: FloatArray) -> FloatArray:
+        """The mass that the robot carries at times (n,) [s] (n,) [kg]."""
+        times, masses = np.array(self.payload).T
+        found: FloatArray = masses[np.maximum(np.searchsorted(times, self._in_pass(time), side="right") - 1, 0)]
+        return found
+
+    def _in_pass(self, time: FloatArray) -> FloatArray:
+        """Where the clock is at times (n,), counted from the last time that the moves began to repeat (n,) [s]."""
         # times are start + n·step: half a microsecond is far above their rounding and far below a step
         clock = self.clock(time) + 5e-7
-        return np.maximum(np.searchsorted(starts, clock % self.period if self.period else clock, side="right") - 1, 0)
+        return clock if self.period is None else clock % self.period
 
     def vertex_distance(self, time: FloatArray, position: FloatArray) -> FloatArray:
         """Distance of positions (n, 3) [m] at times (n,) [s] to the nearer vertex of the move that runs (n,) [m]."""
@@ -132,7 +146,7 @@ class Scene:
 
 @dataclass(frozen=True, slots=True)
 class CornerMark:
-    """The closest approach to a vertex that is marked: the worst of all passes.
+    """The closest approach to a vertex in one pass.
 
     Attributes:
         move: number of the move.
@@ -140,6 +154,7 @@ class CornerMark:
         planned: smallest distance of the planned path [m].
         executed: of the executed path [m].
         nearest: the executed path's point there (3,) [m].
+        time: when [s].
     """
 
     move: int
@@ -147,3 +162,4 @@ class CornerMark:
     planned: float
     executed: float
     nearest: Sequence[float]
+    time: float = 0.0

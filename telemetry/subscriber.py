@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import threading
 import time
@@ -106,14 +107,17 @@ class Subscriber:
         self.missing: dict[MessageName, int] = dict.fromkeys(MESSAGE_NAMES, 0)
         self._layouts: dict[str, Layout] = {self._keys.of(name): layout(name) for name in MESSAGE_NAMES}
         self._streams: dict[tuple[str, str, int], _Stream] = {}
-        self._queries = 0
+        self._opening = threading.Lock()  # of a stream: by Zenoh's thread or by the reader's, whoever hears of it first
+        self._queries = itertools.count()
         self._samples: SimpleQueue[zenoh.Sample | _Answered] = SimpleQueue()
         self._alive = threading.Event()
+        self._gone: float | None = None  # when the cell's token went
         self._summary: dict[str, Any] | None = None
+        self._last: dict[MessageName, int] = {}  # sequence numbers, that the summary tells
         self._session = open_client_session(connect, timeout, config)
         self._subscription = self._session.declare_subscriber(self._keys.everything, self._samples.put)
         liveliness = self._session.liveliness()
-        self._publishers = liveliness.declare_subscriber(self._keys.publishers, self._samples.put, history=True)
+        self._publishers = liveliness.declare_subscriber(self._keys.publishers, self._on_publisher, history=True)
         self._liveliness = liveliness.declare_subscriber(self._keys.token, self._on_token, history=True)
 
     def __enter__(self) -> Self:
@@ -172,17 +176,15 @@ class Subscriber:
             seconds: end after so long in any case; None does not. The next call goes on where this one ended.
         """
         end = None if seconds is None else time.monotonic() + seconds
-        gone: float | None = None
-        last: dict[MessageName, int] = {}
         while end is None or time.monotonic() < end:
-            asking = [stream for stream in self._streams.values() if stream.query is not None]
+            asking = [stream for stream in list(self._streams.values()) if stream.query is not None]
             yield from self._give_up(asking)
-            if gone is not None and self._summary is not None and not asking and self._samples.empty():
+            if self._gone is not None and self._summary is not None and not asking and self._samples.empty():
                 break  # the summary is the last message
             try:
-                sample = self._samples.get(timeout=self._patience(end, waiting=gone is not None or bool(asking)))
+                sample = self._samples.get(timeout=self._patience(end, waiting=self._gone is not None or bool(asking)))
             except Empty:
-                if gone is not None and not asking and (self._connected() or time.monotonic() > gone + _RETURN):
+                if self._gone is not None and not asking and (self._connected() or time.monotonic() > self._gone + _RETURN):
                     break
                 continue
             if isinstance(sample, _Answered):
@@ -195,19 +197,21 @@ class Subscriber:
                 stream, number = self._stream_of(key, sample)
                 yield from self._passed_on(stream, stream.order.take(number, sample.payload.to_bytes()))
             elif key == self._keys.token:
-                gone = None if sample.kind == zenoh.SampleKind.PUT else time.monotonic()
+                self._gone = None if sample.kind == zenoh.SampleKind.PUT else time.monotonic()
             elif key == self._keys.of("summary"):
                 self._summary = json.loads(sample.payload.to_bytes())
-                last = json.loads(sample.attachment.to_bytes()) if sample.attachment is not None else {}
-            elif sample.kind == zenoh.SampleKind.PUT:
-                self._catch_up(key)
+                self._last = json.loads(sample.attachment.to_bytes()) if sample.attachment is not None else {}
+            elif sample.kind == zenoh.SampleKind.PUT:  # a publisher is there again after a connection was lost
+                self._stream(*self._source(key)).order.catch_up()
         else:
             return
         for stream in self._streams.values():
             yield from self._passed_on(stream, stream.order.rest())
         for stream in self._streams.values():
-            if stream.newest is not None and self._is_newest(stream):
-                self.missing[stream.layout.key] += max(last.get(stream.layout.key, -1) - stream.newest, 0)
+            last = self._last.get(stream.layout.key, -1)
+            if stream.newest is not None and stream.newest < last and self._is_newest(stream):
+                self.missing[stream.layout.key] += last - stream.newest
+                stream.newest = last
 
     def collect(self, seconds: float | None = None) -> dict[MessageName, Records]:
         """The messages as arrays, until the cell ends or for so long: by name, structured (n,), with the fields of the layout.
@@ -232,6 +236,16 @@ class Subscriber:
             self._alive.set()
         self._samples.put(sample)
 
+    def _on_publisher(self, sample: zenoh.Sample) -> None:
+        """Ask a new publisher for what it keeps at once, whenever somebody reads: it may soon be gone."""
+        source = self._source(str(sample.key_expr))
+        if source[0] not in self._layouts:
+            return
+        if source in self._streams:
+            self._samples.put(sample)
+        elif sample.kind == zenoh.SampleKind.PUT:
+            self._stream(*source)
+
     def _connected(self) -> bool:
         return bool(self._session.info.routers_zid() or self._session.info.peers_zid())
 
@@ -251,28 +265,29 @@ class Subscriber:
         return self._stream(key, str(source.source_id.zid), source.source_id.eid), source.source_sn
 
     def _stream(self, key: str, session: str, entity: int) -> _Stream:
-        if (found := self._streams.get((key, session, entity))) is None:
-            message = self._layouts[key]
-            found = _Stream(self, message, self._keys.kept(message.key, session, entity))
-            self._streams[key, session, entity] = found
-            found.order.catch_up()
+        with self._opening:
+            if (found := self._streams.get((key, session, entity))) is None:
+                message = self._layouts[key]
+                found = _Stream(self, message, self._keys.kept(message.key, session, entity))
+                found.order.catch_up()
+                self._streams[key, session, entity] = found
         return found
 
-    def _catch_up(self, token: str) -> None:
-        """A publisher is there, or there again after a connection was lost."""
+    @staticmethod
+    def _source(token: str) -> tuple[str, str, int]:
+        """Key, session and entity of a publisher, from its token."""
         key, _, rest = token.partition("/@adv/pub/")
         session, _, entity = rest.partition("/")
-        if key in self._layouts:
-            self._stream(key, session, int(entity.partition("/")[0])).order.catch_up()
+        return key, session, int(entity.partition("/")[0])
 
     def _is_newest(self, stream: _Stream) -> bool:
         return [other for other in self._streams.values() if other.layout is stream.layout][-1] is stream
 
     def _ask(self, stream: _Stream, first: int | None, last: int | None) -> None:
         """Ask for messages that a publisher kept; what comes, and that nothing more comes, goes where the messages go."""
-        self._queries += 1
-        stream.query = self._queries, time.monotonic() + _KEPT_TIMEOUT + _QUIET
-        answered = _Answered(stream, self._queries)
+        number = next(self._queries)
+        stream.query = number, time.monotonic() + _KEPT_TIMEOUT + _QUIET
+        answered = _Answered(stream, number)
         if first is not None:
             which = f"_sn={first}..{'' if last is None else last}"
         elif self._history is None:

@@ -90,11 +90,15 @@ def still_world(scene: Scene) -> Iterator[tuple[str, Any]]:
 class MovingWorld:
     """What moves: the robot as it is executed, and its trace. A row per POSE_STEPS, whichever way the records come.
 
+    Attributes:
+        ended: when moves that repeat have come to their end [s].
+
     Args:
         scene: geometry and kinematics.
     """
 
     def __init__(self, scene: Scene) -> None:
+        self.ended = np.inf
         self._scene = scene
         radial = scene.base_points / np.linalg.norm(scene.base_points, axis=1, keepdims=True)
         sideways = np.cross(UP, radial) * scene.rod_spacing
@@ -130,8 +134,7 @@ class MovingWorld:
         yield "world/robot/rods", _capsules(below, above)
         yield "world/robot/platform", rr.Cylinders3D.columns(centers=tcp)
         if self._carries:
-            times, masses = np.array(self._scene.payload).T
-            carried = masses[np.maximum(np.searchsorted(times, poses["time"] + 5e-7, side="right") - 1, 0)]
+            carried = np.where(poses["time"] < self.ended, self._scene.carried(poses["time"]), self._scene.payload[-1][1])
             half = 0.5 * np.array([_load_size(mass) for mass in carried])
             yield (
                 "world/robot/payload",

@@ -116,6 +116,38 @@ double dph_corner_gamma(const dph_corner *corner, double length)
     return gamma;
 }
 
+void dph_corner_frame(const dph_corner *corner, double length, dph_corner_walk *walk, double frame[3][2])
+{
+    double ahead = length - walk->length, a = corner->u0, b = corner->u2;
+    double gamma = walk->gamma + ahead * (walk->pace[0] + 0.5 * ahead * walk->pace[1]);
+    if (!(walk->pace[0] > 0.0) || !(gamma >= 0.0) || !(gamma <= 1.0))
+        gamma = dph_corner_gamma(corner, length);
+    for (int i = 0;; ++i) {
+        /* As in dph_corner_at. Along the curve the tangent is (2uv, u^2 - v^2) / sigma, turning by 2 (u'v - uv') / sigma^2. */
+        double r = 1.0 - gamma, r2 = r * r, g2 = gamma * gamma, g3 = g2 * gamma, g5 = g3 * g2;
+        double v = b * g2, v1 = 2.0 * b * gamma, u = a * r2 + v, u1 = v1 - 2.0 * a * r;
+        double first = a * a * (1.0 - r2 * r2 * r) * 0.2, mixed = 2.0 * a * b * (g3 / 3.0 - g3 * gamma / 2.0 + g5 * 0.2);
+        double last = 0.4 * b * b * g5, inverse = 1.0 / (u * u + v * v);
+        double step = (length - (first + mixed + last)) * inverse;
+        /* Newton's method: a step below 1e-8 leaves an error of about its square. */
+        if (fabs(step) < 1e-8 || i == 4) {
+            double turn = 2.0 * (u * v1 - u1 * v) * inverse * inverse;
+            frame[1][0] = 2.0 * u * v * inverse;
+            frame[1][1] = (u - v) * (u + v) * inverse;
+            frame[0][0] = mixed + last;
+            frame[0][1] = first + mixed;
+            frame[2][0] = turn * frame[1][1];
+            frame[2][1] = -turn * frame[1][0];
+            walk->gamma = gamma;
+            walk->length = length;
+            walk->pace[0] = inverse;
+            walk->pace[1] = -2.0 * (u * u1 + v * v1) * inverse * inverse * inverse;
+            return;
+        }
+        gamma = i == 3 ? dph_corner_gamma(corner, length) : gamma + step;
+    }
+}
+
 void dph_corner_at(const dph_corner *corner, double gamma, dph_corner_point *point)
 {
     double a = corner->u0, b = corner->u2, r = 1.0 - gamma;

@@ -38,6 +38,16 @@ static inline void corner_sigmas(const dph_preimage *p, double sigma[3])
 /* The curve parameter at an arc length [m] from the corner's start. */
 double dph_corner_gamma(const dph_corner *corner, double length);
 
+/* Where a walk along a corner has got to. A zeroed one is at the beginning of a walk. */
+typedef struct dph_corner_walk {
+    double gamma, length;
+    double pace[2]; /* first two derivatives of gamma by arc length there; 0 at the beginning of a walk */
+} dph_corner_walk;
+
+/* Position, tangent and curvature vector, in the corner's plane [order][x, y], at an arc length [m] from the corner's start: as
+ * dph_corner_motion with unit speed, without the third derivative, and cheaper at the next one of many lengths in order. */
+void dph_corner_frame(const dph_corner *corner, double length, dph_corner_walk *walk, double frame[3][2]);
+
 /* Path speed v(gamma) [m/s], eq. (16). */
 double dph_corner_speed(const dph_corner_law *law, double gamma);
 

@@ -51,6 +51,15 @@ void dph_pose_motion(const dph_pose *pose, const double velocity[3], const doubl
                      double joint_velocity[3], double joint_acceleration[3], double joint_jerk[3]);
 void dph_pose_dynamics(const dph_robot *robot, const dph_pose *pose, double payload, dph_motion *motion);
 
+/* What planning asks of a point: first two derivatives of the joints that go with those of the point by any parameter (q'[3], q''[3]),
+ * direction as in a pose, and how far from the singularities, as dph_dexterity.
+ * Returned: 1, or 0 where the point cannot be reached. Cost: three square roots, six divisions. */
+typedef struct dph_rates {
+    double q[2][3], direction[3][2], dexterity;
+} dph_rates;
+
+int dph_rates_at(const dph_robot *robot, const double point[3], const double first[3], const double second[3], dph_rates *rates);
+
 static inline void arm_at(const dph_robot *robot, int i, double theta, dph_arm *arm)
 {
     const double *u = arm_direction[i];

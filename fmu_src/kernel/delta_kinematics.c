@@ -270,6 +270,41 @@ void dph_pose_motion(const dph_pose *pose, const double velocity[3], const doubl
     }
 }
 
+int dph_rates_at(const dph_robot *robot, const double point[3], const double first[3], const double second[3], dph_rates *rates)
+{
+    /* dph_pose_at and dph_pose_motion in the planes of the arms, x outwards and y beside: with cos and sin from the closure (upper_arm)
+     * s . E' = La root, s . E'' = La (La - k). */
+    double upper = robot->upper_arm_length, forearm = robot->forearm_length, half = 0.5 / upper, speed2 = dot(first, first), least = HUGE_VAL, s[3][3], normal[3];
+    for (int i = 0; i < 3; ++i) {
+        const double *u = arm_direction[i];
+        double x = point[0] * u[0] + point[1] * u[1] + robot->platform_radius - robot->base_radius;
+        double y = point[1] * u[0] - point[0] * u[1], z = point[2];
+        double p2 = x * x + z * z, k = (p2 + upper * upper - (forearm - y) * (forearm + y)) * half;
+        double root2 = p2 - k * k;
+        if (!(root2 > 0.0) || !(fabs(y) <= forearm))
+            return 0;
+        double root = sqrt(root2), both = 1.0 / (p2 * root), scale = both * root, inverse = 2.0 * half * both * p2, c = scale * (x * k - z * root), d = -scale * (z * k + x * root);
+        double along = x - upper * c, up = z + upper * d;
+
+        double x1 = first[0] * u[0] + first[1] * u[1], y1 = first[1] * u[0] - first[0] * u[1], z1 = first[2];
+        double x2 = second[0] * u[0] + second[1] * u[1], y2 = second[1] * u[0] - second[0] * u[1], z2 = second[2];
+        double w = (along * x1 + y * y1 + up * z1) * inverse;
+        double s1 = speed2 + upper * w * (2.0 * (d * x1 + c * z1) + upper * w); /* |s'|^2 */
+        rates->q[0][i] = w;
+        rates->q[1][i] = (s1 + along * x2 + y * y2 + up * z2 - upper * (upper - k) * w * w) * inverse;
+        rates->direction[i][0] = c;
+        rates->direction[i][1] = d;
+        least = root < least ? root : least;
+        s[i][0] = along * u[0] - y * u[1];
+        s[i][1] = along * u[1] + y * u[0];
+        s[i][2] = up;
+    }
+    cross(s[1], s[2], normal);
+    double single = least / forearm, joint = fabs(dot(s[0], normal)) / (forearm * forearm * forearm);
+    rates->dexterity = single < joint ? single : joint;
+    return 1;
+}
+
 void dph_joint_motion(const dph_robot *robot, const double theta[3], const double point[3], const double velocity[3],
                       const double acceleration[3], const double jerk[3], double joint_velocity[3],
                       double joint_acceleration[3], double joint_jerk[3])

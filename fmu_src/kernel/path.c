@@ -240,3 +240,38 @@ void dph_path_by_parameter(const dph_plan *plan, int segment, double x, double d
     *ds = s1;
     *arc_length = place ? plan->length - length : length;
 }
+
+void dph_path_walk(const dph_plan *plan, int segment, double x, dph_corner_walk *walk, double d[3][2], double *ds, double *length)
+{
+    double y[4], frame[3][2] = {{0.0}};
+    int place = segment >= 3;
+    const dph_side *side = &plan->side[place];
+    dph_parameter_at(place ? 1.0 - x : x, y);
+    double arc = plan->length * y[0], past = arc - side->lift_length;
+    switch (place ? 5 - segment : segment) {
+    case 0:
+        frame[0][1] = arc;
+        frame[1][1] = 1.0;
+        break;
+    case 1:
+        dph_corner_frame(&side->corner.corner, past, walk, frame);
+        frame[0][1] += side->lift_length;
+        break;
+    default:
+        past -= side->corner.corner.length;
+        frame[0][0] = side->corner.corner.second_leg + past * plan->middle[0];
+        frame[0][1] = side->lift_length + side->corner.corner.leg + past * (place ? -plan->middle[1] : plan->middle[1]);
+        frame[1][0] = plan->middle[0];
+        frame[1][1] = place ? -plan->middle[1] : plan->middle[1];
+        break;
+    }
+    double s1 = plan->length * y[1], s2 = plan->length * y[2], mirror = place ? -1.0 : 1.0;
+    for (int i = 0; i < 2; ++i) {
+        double flip = i == 0 ? mirror : 1.0; /* horizontal; and once more for odd derivatives */
+        d[0][i] = flip * frame[0][i];
+        d[1][i] = flip * mirror * frame[1][i] * s1;
+        d[2][i] = flip * (frame[2][i] * s1 * s1 + frame[1][i] * s2);
+    }
+    *ds = s1;
+    *length = arc;
+}

@@ -2,6 +2,7 @@
 #ifndef DELTAPH_PATH_H
 #define DELTAPH_PATH_H
 
+#include "corner_law.h"
 #include "kernel.h"
 
 /* Segments of a path: lift, corner, half of the traverse, and the same from the place point. */
@@ -44,6 +45,10 @@ void dph_parameter_at(double x, double y[4]);
 
 /* The x in [0, 1] with y(x) = `share`. */
 double dph_parameter_of(double share);
+
+/* Position and first two derivatives by x of the path, as dph_path_by_parameter, cheaper at the next one of many points in order.
+ * Given: the walk, zeroed before the first point of each segment. Returned besides: the arc length from the nearer end [m]. */
+void dph_path_walk(const dph_plan *plan, int segment, double x, dph_corner_walk *walk, double d[3][2], double *ds, double *length);
 
 /* Derivatives by x of the path, [order][horizontal, vertical], position relative to the nearer end as in dph_path_at.
  * Returned besides: ds/dx [m]; the arc length from the pick point [m]. */

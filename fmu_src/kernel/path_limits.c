@@ -47,6 +47,8 @@ static dph_verdict limits_make(const dph_limits *limits, dph_bounds *bounds)
     }
     if (!has_velocity && !has_acceleration && !has_tcp && !bounds->has_jerk && !bounds->has_torque)
         return dph_refuse(DPH_STATUS_NO_LIMIT, DPH_PHASE_IDLE, 0, 1.0, 0.0);
+    int all_jerk = bounds->jerk[0] > 0.0 && bounds->jerk[1] > 0.0 && bounds->jerk[2] > 0.0;
+    bounds->least_inverse_cap = all_jerk ? 0.0 : 1.0 / (fastest * fastest);
     return dph_accept();
 }
 
@@ -117,16 +119,19 @@ static dph_verdict gravity_check(const dph_plan *plan, const dph_bounds *bounds)
 /* Work [units]. */
 enum { MAKE_UNITS = 50, GRAVITY_UNITS = 100 };
 
+dph_verdict dph_path_begin(dph_plan *plan, dph_bounds *bounds, dph_laying *laying, int *units)
+{
+    *units -= MAKE_UNITS;
+    dph_verdict verdict = dph_path_make(plan);
+    if (verdict.status == DPH_STATUS_OK)
+        verdict = limits_make(&plan->task.limits, bounds);
+    laying->is_laid = 1;
+    return verdict;
+}
+
 dph_verdict dph_path_lay(dph_plan *plan, dph_bounds *bounds, dph_laying *laying, int *units)
 {
-    dph_verdict verdict = dph_accept();
-    if (!laying->is_laid) {
-        *units -= MAKE_UNITS;
-        verdict = dph_path_make(plan);
-        if (verdict.status == DPH_STATUS_OK)
-            verdict = limits_make(&plan->task.limits, bounds);
-        laying->is_laid = 1;
-    }
+    dph_verdict verdict = laying->is_laid ? dph_accept() : dph_path_begin(plan, bounds, laying, units);
     if (verdict.status == DPH_STATUS_OK)
         verdict = dph_path_check(plan, &laying->cursor, units);
     if (verdict.status == DPH_STATUS_OK) {
@@ -138,7 +143,7 @@ dph_verdict dph_path_lay(dph_plan *plan, dph_bounds *bounds, dph_laying *laying,
 
 double dph_inverse_cap(const dph_bounds *bounds, const dph_path_point *point)
 {
-    double speed = point->ds * bounds->tcp_speed, cap = speed * speed, floor = 1.0 / (fastest * fastest);
+    double speed = point->ds * bounds->tcp_speed, cap = speed * speed, floor = bounds->least_inverse_cap;
     for (int i = 0; i < 3; ++i) {
         double v = point->q[0][i] * bounds->velocity[i];
         cap = v * v > cap ? v * v : cap;

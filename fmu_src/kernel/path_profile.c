@@ -92,47 +92,48 @@ static void profile_smooth(double b[], int passes)
 /* ---- Knots ------------------------------------------------------------------------------------------------------------------------ */
 
 /* Share of knots up to each coarse point: half by parameter, half by time. */
-static void density(const dph_workspace *w, double share[])
+static void density(const dph_workspace *w, dph_shares *shares)
 {
     double time[DPH_COARSE + 1];
     time[0] = 0.0;
     for (int i = 0; i < DPH_COARSE; ++i)
         time[i + 1] = time[i] + 2.0 / (sqrt(w->profile[i]) + sqrt(w->profile[i + 1]));
-    for (int i = 0; i <= DPH_COARSE; ++i)
-        share[i] = 0.5 * i / DPH_COARSE + 0.5 * time[i] / time[DPH_COARSE];
+    for (int i = 0; i <= DPH_COARSE; ++i) {
+        shares->at[i] = (double)i / DPH_COARSE;
+        shares->share[i] = 0.5 * shares->at[i] + 0.5 * time[i] / time[DPH_COARSE];
+    }
+    shares->intervals = DPH_COARSE;
 }
 
-static double share_at(const double share[], double x)
+/* A rising function by its values at points, between them linear: the interval of `value` among n. */
+static int interval_of(const double at[], int n, double value)
 {
-    double at = x * DPH_COARSE;
-    int i = (int)at;
-    i = i < DPH_COARSE ? i : DPH_COARSE - 1;
-    return share[i] + (at - i) * (share[i + 1] - share[i]);
-}
-
-static double share_inverse(const double share[], double value)
-{
-    int low = 0, high = DPH_COARSE;
+    int low = 0, high = n;
     while (high - low > 1) {
         int middle = (low + high) / 2;
-        if (share[middle] <= value)
+        if (at[middle] <= value)
             low = middle;
         else
             high = middle;
     }
-    return (low + (value - share[low]) / (share[high] - share[low])) / DPH_COARSE;
+    return low;
 }
 
-static void lay_knots(const dph_plan *plan, dph_workspace *w)
+static double interpolate(const double from[], const double to[], int n, double value)
 {
-    double end[SEGMENTS + 1], share[DPH_COARSE + 1];
+    int i = interval_of(from, n, value);
+    return to[i] + (value - from[i]) / (from[i + 1] - from[i]) * (to[i + 1] - to[i]);
+}
+
+void dph_knots_lay(const dph_plan *plan, const dph_shares *shares, int intervals, const int least[3], dph_workspace *w)
+{
+    double end[SEGMENTS + 1];
     end[0] = 0.0;
     for (int segment = 1; segment < SEGMENTS; ++segment) {
         double arc = plan->segment_arc[segment];
         end[segment] = segment <= 3 ? dph_parameter_of(arc / plan->length) : 1.0 - dph_parameter_of((plan->length - arc) / plan->length);
     }
     end[SEGMENTS] = 1.0;
-    density(w, share);
 
     double begin = 0.0;
     w->intervals = 0;
@@ -142,15 +143,17 @@ static void lay_knots(const dph_plan *plan, dph_workspace *w)
         int straight = segment == 2 || segment == 3;
         if (!(to > begin) || (straight && to - begin < shortest))
             continue; /* the next one begins where this one would */
-        double low = share_at(share, begin), high = share_at(share, to);
-        int least = least_intervals[segment < 3 ? segment : 5 - segment], n = (int)(INTERVALS * (high - low) + 0.5);
-        n = straight && to - begin < one_interval ? 1 : n > least ? n : least;
+        double low = interpolate(shares->at, shares->share, shares->intervals, begin);
+        double high = interpolate(shares->at, shares->share, shares->intervals, to);
+        int at_least = least[segment < 3 ? segment : 5 - segment], n = (int)(intervals * (high - low) + 0.5);
+        n = straight && to - begin < one_interval ? 1 : n > at_least ? n : at_least;
         int room = DPH_PIECES - w->intervals - (SEGMENTS - 1 - segment) * 10;
         n = n < room ? n : room;
         for (int i = 1; i <= n; ++i) {
             w->inner[w->intervals] = i == 1 ? end[segment] : w->knot[w->intervals];
             w->segment[w->intervals++] = segment;
-            w->knot[w->intervals] = i == n ? to : share_inverse(share, low + (high - low) * i / n);
+            w->knot[w->intervals] =
+                i == n ? to : interpolate(shares->share, shares->at, shares->intervals, low + (high - low) * i / n);
         }
         begin = to;
     }
@@ -265,7 +268,9 @@ void dph_profile_begin(const dph_plan *plan, dph_workspace *w)
         dph_path_point_at(plan, &w->bounds, segment, x, &w->coarse[i]);
     }
     profile_caps(w);
-    lay_knots(plan, w);
+    dph_shares shares;
+    density(w, &shares);
+    dph_knots_lay(plan, &shares, INTERVALS, least_intervals, w);
     lay_basis(w);
     profile_erode(w->profile);
     w->best.stretch = 1.0;

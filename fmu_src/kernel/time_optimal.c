@@ -130,9 +130,9 @@ static Cubic cubic_of(const dph_plan *plan, int piece, double *width)
 static double slowness(double u, const void *context)
 {
     const Cubic *cubic = context;
-    double b[3];
-    dph_hermite(cubic->value, cubic->slope, u, b);
-    return 1.0 / sqrt(b[0]);
+    const double *value = cubic->value, *slope = cubic->slope;
+    double r = 1.0 - u; /* b as in dph_hermite, alone */
+    return 1.0 / sqrt(value[0] * r * r * (1.0 + 2.0 * u) + value[1] * u * u * (3.0 - 2.0 * u) + slope[0] * u * r * r - slope[1] * u * u * r);
 }
 
 static void keep(const dph_workspace *w, double stretch, dph_plan *plan)
@@ -184,10 +184,10 @@ static void back_to_the_best(dph_workspace *w)
 /* ---- Slices ----------------------------------------------------------------------------------------------------------------------- */
 
 /* What comes next. VERIFY_BEST: for its tightened limits, where the solver has left none. */
-enum { LAY, PROFILE, INTERVAL, START, VERIFY, VERIFY_BEST, REPAIR, SOLVE, KEEP };
+enum { BEGIN, REACH, LAY, PROFILE, INTERVAL, START, VERIFY, VERIFY_BEST, REPAIR, SOLVE, KEEP };
 
-/* Work [units], measured; all but the first for each interval. */
-enum { PROFILE_UNITS = 100, INTERVAL_UNITS = 20, START_UNITS = 1, VERIFY_UNITS = 5, REPAIR_UNITS = 1, SOLVE_UNITS = 2 };
+/* Work [units], measured; all but the first two for each interval. */
+enum { REACH_UNITS = 120, PROFILE_UNITS = 100, INTERVAL_UNITS = 20, START_UNITS = 1, VERIFY_UNITS = 5, REPAIR_UNITS = 1, SOLVE_UNITS = 2 };
 
 static void enter(dph_workspace *w, int stage)
 {
@@ -198,7 +198,7 @@ static void enter(dph_workspace *w, int stage)
 
 void dph_time_optimal_begin(dph_workspace *w)
 {
-    enter(w, LAY);
+    enter(w, BEGIN);
     memset(&w->laying, 0, sizeof w->laying);
     w->runs = 0;
 }
@@ -242,9 +242,28 @@ dph_verdict dph_time_optimal_continue(dph_workspace *w, dph_plan *plan, int *uni
 {
     dph_verdict verdict = dph_accept();
     while (*units > 0 && verdict.status == DPH_STATUS_OK) {
+        int is_clear = 0;
         switch (w->stage) {
+        case BEGIN:
+            verdict = dph_path_begin(plan, &w->bounds, &w->laying, units);
+            w->best.stretch = 0.0;
+            enter(w, w->bounds.has_jerk || w->bounds.has_torque ? LAY : REACH);
+            break;
+        case REACH:
+            *units -= REACH_UNITS;
+            w->best.stretch = dph_reachability(plan, w, &is_clear);
+            if (w->best.stretch > 0.0 && is_clear) {
+                keep(w, w->best.stretch, plan);
+                return verdict;
+            }
+            enter(w, LAY);
+            break;
         case LAY:
             verdict = dph_path_lay(plan, &w->bounds, &w->laying, units);
+            if (verdict.status == DPH_STATUS_OK && w->best.stretch > 0.0) {
+                keep(w, w->best.stretch, plan);
+                return verdict;
+            }
             if (verdict.status == DPH_STATUS_OK)
                 enter(w, PROFILE);
             break;

@@ -6,13 +6,16 @@
  * and T = int b^-1/2 dx is to be least.
  *
  * workspace.h: the memory. path_limits.c: what the limits say along the path. path_profile.c: a crude b, knots, start of the solver.
- * interior_point.c: the solver. time_optimal.c: the law. */
+ * interior_point.c: the solver. reachability.c: the solver where only velocity and acceleration are limited. time_optimal.c: the law. */
 #ifndef DELTAPH_TIME_OPTIMAL_H
 #define DELTAPH_TIME_OPTIMAL_H
 
 #include "workspace.h"
 
 /* ---- path_limits.c ---------------------------------------------------------------------------------------------------------------- */
+
+/* The first of it: the path is laid, the limits are read. */
+dph_verdict dph_path_begin(dph_plan *plan, dph_bounds *bounds, dph_laying *laying, int *units);
 
 /* What both laws within limits begin with, in slices: the path is laid, the limits are read, the robot can follow the path and hold still
  * everywhere on it; or a refusal. */
@@ -43,6 +46,22 @@ int dph_profile_start(dph_workspace *w, int attempt);
 /* Shrink b to strict feasibility at the nodes by one factor. Returned: the duration then [s]; infinite where there is none. Cost: 0.2 us per
  * interval. */
 double dph_profile_fit(dph_workspace *w);
+
+/* How many of the knots, as a share, lie up to points of the path: rising from 0 to 1 at x from 0 to 1, linear in between. */
+typedef struct dph_shares {
+    int intervals;
+    double at[DPH_COARSE + 1], share[DPH_COARSE + 1];
+} dph_shares;
+
+/* Lay knots: about so many intervals, at least so many in each segment of a side. */
+void dph_knots_lay(const dph_plan *plan, const dph_shares *shares, int intervals, const int least[3], dph_workspace *w);
+
+/* ---- reachability.c ------------------------------------------------------------------------------------------------------------------ */
+
+/* Where only velocity and acceleration are limited: knots, and b, b' at them, in the workspace; path and limits are laid.
+ * Returned: the factor by which time has to be stretched to keep the limits, 0 where no motion was found; is_clear: 1 where the robot can
+ * follow the path beyond doubt, 0 where dph_path_lay is to find out. Cost: some 150 points, three passes to and fro. */
+double dph_reachability(const dph_plan *plan, dph_workspace *w, int *is_clear);
 
 /* ---- interior_point.c ------------------------------------------------------------------------------------------------------------- */
 

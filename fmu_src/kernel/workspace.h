@@ -7,6 +7,7 @@
 
 enum {
     DPH_FINE = 12,     /* parts of an interval on which the limits are verified */
+    DPH_REACH_FINE = 6,
     DPH_NODES = 5,     /* nodes of an interval at which the limits are constraints: u = 0, 1/4, 1/2, 3/4, 1 */
     DPH_ROWS = 9,      /* two-sided constraints of a node: acceleration, torque and jerk of three joints */
     DPH_COARSE = 64,   /* parts of the crude profile */
@@ -16,6 +17,7 @@ enum {
 /* Limits as the solver wants them: inverted, 0 where there is none. */
 typedef struct dph_bounds {
     double velocity[3], acceleration[3], jerk[3], torque[3], tcp_speed;
+    double least_inverse_cap; /* of b, where nothing else bounds it [s^2] */
     int has_torque, has_jerk;
 } dph_bounds;
 
@@ -42,6 +44,12 @@ typedef struct dph_node {
     int rows[2];   /* numbers of rows with a bound of 1 and of b^-1/2 */
     dph_row row[DPH_ROWS];
 } dph_node;
+
+/* A point as reachability.c sees it. */
+typedef struct dph_reach_point {
+    double q[2][3];    /* q', q'' of each joint: [order - 1][joint] [rad] */
+    double ds;         /* ds/dx [m] */
+} dph_reach_point;
 
 /* Where the laying of a path within limits stands (path_limits.c); zero where it begins. */
 typedef struct dph_laying {
@@ -105,6 +113,12 @@ struct dph_workspace {
     double tighten[DPH_PIECES][3];                   /* of velocity, of acceleration and torque, of jerk; 1 or more */
     dph_path_point point[DPH_PIECES][DPH_FINE + 1];
     dph_node node[DPH_PIECES][DPH_NODES];
+    /* reachability.c */
+    dph_reach_point reach[DPH_PIECES + 1][2];            /* at the knots and in the middles */
+    double fine[DPH_PIECES][DPH_REACH_FINE + 1][2][3];   /* q', q'' where the limits are verified */
+    double fine_ds[DPH_PIECES][DPH_REACH_FINE + 1];      /* ds/dx there, over the limit of the tcp speed */
+    double row[DPH_PIECES][2][3];                        /* at the knots, of each joint's acceleration by b and b' */
+    double bend[DPH_PIECES][3], cap[DPH_PIECES];         /* by b in the middles; greatest b there */
     double matrix[DPH_UNKNOWNS][4];                  /* lower band: [i][k] is element (i, i - k) */
     double objective[DPH_UNKNOWNS], barrier[DPH_UNKNOWNS], step[DPH_UNKNOWNS];
     dph_path_point coarse[DPH_COARSE + 1];

@@ -17,9 +17,10 @@ from integration.test_zenoh import free_endpoint
 from deltaph.execution import Trace, percentiles
 from deltaph.fmu import cached_fmus
 from deltaph.frame import Frames
-from deltaph.importer import cosimulate, schedule
+from deltaph.importer import cosimulate
 from deltaph.pacing import Undisturbed
 from deltaph.scenario import load_scenario
+from deltaph.schedule import schedule
 from deltaph.telemetry import BackgroundSink, Publisher
 
 ROOT = Path(__file__).parents[2]

@@ -107,6 +107,7 @@ def test_schema_is_json_schema(tmp_path: Path) -> None:
     schema = json.loads(deltaph("schema", cwd=tmp_path).stdout)
     assert set(schema["properties"]) >= {"schema", "title", "robot", "task", "law", "limits", "payload", "drive", "run", "expect"}
     assert schema["additionalProperties"] is False
+    assert schema["then"]["properties"]["task"]["required"] == ["pick_mm", "place_mm"]  # they are the parts' in a sequence
 
 
 def test_plan_reports_and_writes_everything(tmp_path: Path) -> None:

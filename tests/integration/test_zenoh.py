@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 import zenoh
 from integration.synthetic_cell import frames, values_of
@@ -348,7 +349,27 @@ def test_what_is_lost_at_the_very_end_is_counted() -> None:
         publisher.set_summary("{}")
         publisher.close()
         read()
+        assert list(subscriber.messages()) == []  # what is counted is counted once
     assert subscriber.missing == {"setpoint": 3, "actual": 3, "timing": 3, "plan": 0, "event": 0}
+
+
+def test_reading_in_slices_goes_on_where_it_ended_and_ends_with_the_cell() -> None:
+    offered = frames(300)
+    with cell() as publisher, Subscriber(CELL, publisher.endpoints, timeout=DEADLINE) as subscriber:
+        subscriber.wait_for_cell(DEADLINE)
+        publisher.wait_for_subscribers(1, DEADLINE)
+        streaming = threading.Thread(target=publish_in_real_time, args=(publisher, offered))
+        streaming.start()
+        slices = [subscriber.collect(0.05)["actual"] for _ in range(4)]
+        streaming.join()
+        publisher.set_summary("{}")
+        publisher.close()
+        wait_until(lambda: bool(slices.append(subscriber.collect(0.001)["actual"]) or subscriber.summary is not None))
+        slices.append(subscriber.collect()["actual"])
+        assert len(subscriber.collect()["actual"]) == 0  # it has ended, and says so at once
+        assert set(subscriber.missing.values()) == {0}
+    assert sum(len(part) > 0 for part in slices) > 2
+    assert np.concatenate(slices)["sequence"].tolist() == list(range(len(offered)))
 
 
 def test_cell_of_the_same_name_is_refused() -> None:

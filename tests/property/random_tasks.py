@@ -22,7 +22,10 @@ PAPERS_PEAKS = limits_of(4.4227, 241.365, 29965.0)
 
 
 def random_tasks(count: int, seed: int = 1) -> Iterator[Task]:
-    """Both ends uniform in a disc of 0.35 m, at least 50 mm apart; lifts 20 to 80 mm, deviations 1 to 8 mm, as far as they fit."""
+    """Both ends uniform in a disc of 0.35 m, at least 50 mm apart, in any direction, and at different heights.
+
+    Either side has its own lift, 20 to 80 mm, and its own deviation, 1 to 8 mm as far as it fits.
+    """
     random = np.random.default_rng(seed)
     while count > 0:
         angle, radius = random.uniform(0.0, 2.0 * np.pi, 2), 0.35 * np.sqrt(random.uniform(0.0, 1.0, 2))
@@ -31,7 +34,10 @@ def random_tasks(count: int, seed: int = 1) -> Iterator[Task]:
         if width < 0.05:
             continue
         count -= 1
-        lift = float(random.uniform(0.02, 0.08))
-        height = float(random.uniform(-0.85, -0.65 - lift))
-        deviation = min(float(random.uniform(0.001, 0.008)), 0.98 * lift / LEG_PER_DEVIATION, 0.49 * width / LEG_PER_DEVIATION)
-        yield Task((x[0], y[0], height), (x[1], y[1], height), (lift, lift), (deviation, deviation))
+        lift = tuple(random.uniform(0.02, 0.08, 2).tolist())
+        top = float(random.uniform(-0.85 + max(lift), -0.65))
+        deviation = tuple(
+            min(wanted, 0.98 * height / LEG_PER_DEVIATION, 0.49 * width / LEG_PER_DEVIATION)
+            for wanted, height in zip(random.uniform(0.001, 0.008, 2).tolist(), lift, strict=True)
+        )
+        yield Task((x[0], y[0], top - lift[0]), (x[1], y[1], top - lift[1]), lift, deviation)

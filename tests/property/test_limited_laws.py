@@ -39,6 +39,39 @@ def test_random_tasks_are_all_solved_within_their_limits() -> None:
         assert max(ratios(plan, PAPERS_PEAKS)) <= 1 + EXCESS, (number, task)
 
 
+WITHOUT_JERK = replace(PAPERS_PEAKS, joint_jerk=(math.inf,) * 3)
+
+
+def ratios_within_pieces(plan: Plan, limits: Limits, parts: int = 60) -> tuple[float, float]:
+    """Greatest joint velocity and acceleration over their limits on the nominal clock.
+
+    They are sampled at so many points within each piece: ten times as many as the law looks at.
+    """
+    ends = np.array(list(plan._struct.boundary)[: plan._struct.pieces + 1]) / plan.speed_factor
+    s = plan.sample((ends[:-1, None] + np.diff(ends)[:, None] * (np.arange(parts) + 0.5) / parts).ravel())
+    velocity, acceleration = (
+        float((np.abs(s[f"joint_{what}"]) / np.array(getattr(limits, f"joint_{what}"))).max() / plan.speed_factor**order)
+        for order, what in enumerate(("velocity", "acceleration"), 1)
+    )
+    return velocity, acceleration
+
+
+def test_random_tasks_without_a_jerk_limit_are_all_solved_within_their_limits() -> None:
+    for number, task in enumerate(random_tasks(TASKS)):
+        plan = Plan(ROBOT, task, TIME_OPTIMAL, 0.0, WITHOUT_JERK)
+        assert max(ratios_within_pieces(plan, WITHOUT_JERK)) <= 1 + EXCESS, (number, task)
+        assert max(ratios(plan, WITHOUT_JERK)[:2]) <= 1 + EXCESS, (number, task)
+
+
+@given(tasks, joint_limits, st.sampled_from([math.inf, 3.0, 1.0]))
+@settings(max_examples=60, deadline=None)
+def test_limits_hold_without_a_jerk_limit(task: Task, limits: Limits, tcp_speed: float) -> None:
+    limits = replace(limits, joint_jerk=(math.inf,) * 3, tcp_speed=tcp_speed)
+    plan = Plan(ROBOT, task, TIME_OPTIMAL, 0.0, limits)
+    assert max(ratios_within_pieces(plan, limits)) <= 1 + EXCESS
+    assert within((plan.peaks.tcp_speed,), (limits.tcp_speed,))
+
+
 @given(tasks, joint_limits)
 @settings(max_examples=60, deadline=None)
 def test_limits_hold_by_differences_of_the_inverse_kinematics(task: Task, limits: Limits) -> None:

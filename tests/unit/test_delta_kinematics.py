@@ -83,6 +83,18 @@ def test_inverse_kinematics_undoes_forward_kinematics(theta: Vector) -> None:
     assert inverse(point)[1] == pytest.approx(theta, abs=1e-15 / dexterity * 8)
 
 
+def test_angles_are_right_in_every_direction_of_the_arms() -> None:
+    random, free = np.random.default_rng(5), Robot.default(joint_position_min=-math.pi, joint_position_max=math.pi)
+    found = []
+    for point in random.uniform((-0.8, -0.8, -1.1), (0.8, 0.8, 1.1), (20000, 3)):
+        verdict, theta = inverse(point, free)
+        if verdict.status == lib.DPH_STATUS_OK:
+            found.append(theta)
+            assert lib.dph_closure_residual(free.struct, view(theta), view(point)) < 1e-15
+    octants = np.floor(np.array(found) / (math.pi / 4.0))
+    assert set(octants.ravel()) == set(range(-4, 4))
+
+
 def test_elbows_point_outwards() -> None:
     theta = inverse(np.array([0.0, 0.0, -0.8]))[1]
     elbows = ROBOT.elbows(theta[None])[0]
