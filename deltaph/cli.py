@@ -503,7 +503,8 @@ def export(
     """Write the signals of a recording as a table, under the names and in the units of `deltaph run --csv`.
 
     Without --entity all signals are joined on sim_time, which counts nanoseconds; the values are the run's to the last bit.
-    Phase and trip are the numbers of their enumerations. What is not recorded (plan.*, the plant's own tracking errors) is absent.
+    Phase and trip are the numbers of their enumerations; operations count from 1, 0 is none. What is not
+    recorded (plan.*, the plant's own tracking errors) is absent.
 
     Example: deltaph export paper.rrd --parquet paper.parquet --csv paper.csv
     """

@@ -18,6 +18,7 @@ from deltaph.scenario import Scenario, scenario_from_json
 from deltaph.scene import corner_marks, scene_of
 from deltaph.schedule import Operation, Schedule, schedule
 from deltaph.telemetry.comparison import Comparison
+from deltaph.telemetry.corner import worst
 from deltaph.telemetry.reading import Reading
 from deltaph.telemetry.scene import CornerMark, Scene
 from deltaph.telemetry.side import Side
@@ -87,14 +88,14 @@ def _of_side(operation: Operation, deviations: Sequence[float], side: int) -> fl
 def _marks(reading: Reading, scene: Scene, operations: Sequence[Operation], *, executed: bool) -> list[CornerMark]:
     """Where the motion comes closest to each vertex: the worst of all passes, or of the plans."""
     if executed:
-        return corner_marks(reading.summary, scene) if reading.summary is not None else []
+        return worst(scene, corner_marks(reading.summary, scene)) if reading.summary is not None else []
     marks = []
     for side in (0, 1):
         planned = [_of_side(operation, operation.plan.corner_deviation, side) for operation in operations]
-        worst = int(np.argmax(planned))
-        path, vertex = scene.moves[worst].planned_path, scene.moves[worst].vertices[side]
+        number = int(np.argmax(planned))
+        path, vertex = scene.moves[number].planned_path, scene.moves[number].vertices[side]
         nearest = path[np.argmin(np.linalg.norm(path - vertex, axis=1))]
-        marks.append(CornerMark(worst, side, planned[worst], planned[worst], tuple(nearest.tolist())))
+        marks.append(CornerMark(number, side, planned[number], planned[number], tuple(nearest.tolist())))
     return marks
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from deltaph.errors import DeltaphError
 from deltaph.files import replace, write_text
 from deltaph.outputs import write_csv
+from deltaph.scenario import scenario_from_json
 from deltaph.telemetry import MessageName, layout
 from deltaph.telemetry.reading import Reading, Rows
 from deltaph.telemetry.signals import is_held
@@ -49,7 +50,7 @@ def export(recording: Path, entity: str | None) -> dict[str, FloatArray]:
             hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(sorted(everything))}"
             raise DeltaphError(f"{recording} has no signal {entity}: {hint}")
         rows = everything[name]
-        return _index(rows.nanoseconds, rows.step) | _columns(name, _numbers(name, rows))
+        return _index(rows.nanoseconds, rows.step) | _columns(name, _numbers(name, rows, reading))
     nanoseconds, first = np.unique(np.concatenate([rows.nanoseconds for rows in tables.values()]), return_index=True)
     columns = _index(nanoseconds, np.concatenate([rows.step for rows in tables.values()])[first])
     for name, rows in tables.items():
@@ -62,7 +63,7 @@ def export(recording: Path, entity: str | None) -> dict[str, FloatArray]:
         columns |= _columns(name, values)
     for name, rows in reading.lanes.items():
         held = np.searchsorted(rows.nanoseconds, nanoseconds, side="right") - 1  # a state lasts until the next one
-        columns |= _columns(name, _numbers(name, rows)[held])
+        columns |= _columns(name, _numbers(name, rows, reading)[held])
     return columns
 
 
@@ -82,8 +83,11 @@ def _index(nanoseconds: NDArray[np.int64], step: NDArray[np.int64]) -> dict[str,
     return {"time": nanoseconds / 1e9, "step": step.astype(np.float64)}
 
 
-def _numbers(entity: str, rows: Rows) -> FloatArray:
-    """Values of an entity (n, series); states become the numbers of their enumeration."""
+def _numbers(entity: str, rows: Rows, reading: Reading) -> FloatArray:
+    """Values of an entity (n, series); states become the numbers of their enumeration, operations count from 1."""
+    if entity == "operation":
+        moves = ["none", *(move.name for move in scenario_from_json(reading.scenario_json).moves)]
+        return np.array([[float(moves.index(state))] for state in rows.values[:, 0]])
     if entity not in _LANES:
         return np.asarray(rows.values, dtype=np.float64)
     message, name = _LANES[entity]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from deltaph.checks import deviation_tolerance
-from deltaph.errors import InfeasibleError
+from deltaph.errors import DeltaphError, InfeasibleError
 from deltaph.fmu import cached_fmus
 from deltaph.frame import COMMANDS, OUTCOMES, Command, Outcome, RecentFrames
 from deltaph.importer import attend, task_inputs
@@ -401,6 +401,9 @@ def serve_scenario(path: Path, options: Options, console: Console, log: Console)
         DeltaphError: the scenario or the machine do not allow it.
     """
     scenario = load_cell(path, options)
+    if scenario.parts or scenario.feed:
+        table = "[sequence]" if scenario.parts else "[[feed]]"
+        raise DeltaphError(f"{path}: {table} is not for --serve, which does what commands say: leave one of them out")
     Plan.of(scenario).require_within(scenario.limits)  # what commands leave out comes from a task that is possible
     with log.status("building the FMUs"):
         fmus = cached_fmus()

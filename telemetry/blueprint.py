@@ -12,7 +12,7 @@ import rerun.blueprint as rrb
 from deltaph.telemetry import corner
 from deltaph.telemetry.axes import labelled
 from deltaph.telemetry.scene import UP, Scene
-from deltaph.telemetry.signals import PLOT, shown_unit
+from deltaph.telemetry.signals import CORNER, PLOT, color_of_plan, shown_unit
 from deltaph.telemetry.world import ARROWS, CORNERS, EXECUTED_PATH
 
 TRACE_SECONDS = 1.0
@@ -138,17 +138,16 @@ def _deviations(scene: Scene, spans: Spans) -> rrb.Container | rrb.View:
     entity = f"{PLOT}path/deviation/**"
     if len(scene.moves) > 1:
         top = 4.0 * max(corner.size(scene, 0), corner.size(scene, 1))
+        planned = "violet" if color_of_plan(scene) == CORNER else "blue"
         return rrb.Vertical(
             _plot(spans, "Deviation at each corner [mm]: planned violet, executed orange, prescribed red", f"{corner.PASSES}/**"),
-            _plot(spans, "Distance to the nearer vertex [mm]: planned blue, executed orange", entity, within=(0.0, top)),
+            _plot(spans, f"Distance to the nearer vertex [mm]: planned {planned}, executed orange", entity, within=(0.0, top)),
         )
     views = []
     for index, name in enumerate(CORNERS):
         size = corner.size(scene, index)
         at = 0.01 * round(100.0 * float(scene.moves[0].corner_times[index]))  # no number at either end, where it would be cut off
-        title = (
-            f"{name.capitalize()} vertex, first pass [mm], limit {size:g}"  # half the width; the corner's picture tells the colours
-        )
+        title = f"{name.capitalize()} vertex, first pass [mm], limit {size:g}"  # the corner's picture tells the colours
         views.append(_plot(spans, title, entity, within=(-0.2 * size, 3.0 * size), during=(at - 0.025, at + 0.025)))
     return rrb.Horizontal(*views)
 

@@ -10,7 +10,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from deltaph.telemetry.scene import CornerMark, FloatArray, Scene
-from deltaph.telemetry.signals import CORNER, EXECUTED, LIMIT, PLANNED, PLOT
+from deltaph.telemetry.signals import CORNER, EXECUTED, LIMIT, PLANNED, PLOT, color_of_plan
 from deltaph.telemetry.world import CORNERS, pixels
 
 REACH = 4.5
@@ -52,21 +52,26 @@ def still_corners(scene: Scene) -> Iterator[tuple[str, Any]]:
         yield f"{entity}/label/prescribed", _label(scene, index, 0, f"prescribed {words} mm", LIMIT)
 
 
+def worst(scene: Scene, found: Sequence[CornerMark]) -> list[CornerMark]:
+    """The worst of all passes on each side, pick side first."""
+    of_side: dict[int, CornerMark] = {}
+    for mark in found:
+        if mark.corner not in of_side or _excess(scene, mark) > _excess(scene, of_side[mark.corner]):
+            of_side[mark.corner] = mark
+    return [mark for _, mark in sorted(of_side.items())]
+
+
 def marks(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str, Any]]:
     """Where the executed path comes closest to a vertex of each side, in the worst of all passes, and how close, in words."""
-    worst: dict[int, CornerMark] = {}
-    for mark in found:
-        if mark.corner not in worst or _excess(scene, mark) > _excess(scene, worst[mark.corner]):
-            worst[mark.corner] = mark
-    for _, mark in sorted(worst.items()):
+    plan_color = color_of_plan(scene)
+    for mark in worst(scene, found):
         entity, move = f"corner/{CORNERS[mark.corner]}", scene.moves[mark.move]
         where = f", {scene.name_of(mark.move)}" if len(scene.moves) > 1 else ""
         nearest = move.seen_from(mark.corner, np.array(mark.nearest))
         distances = move.seen_from(mark.corner, move.planned_path)
         planned = distances[np.argmin(np.linalg.norm(distances, axis=1))]
-        color_of_plan = CORNER if move.corner_paths else PLANNED
         for name, point, distance, color, line in (
-            ("planned", planned, mark.planned, color_of_plan, 1),
+            ("planned", planned, mark.planned, plan_color, 1),
             ("executed", nearest, mark.executed, EXECUTED, 2),
         ):
             yield (
@@ -78,7 +83,7 @@ def marks(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str, Any]
         spokes = [[[0.0, 0.0], planned], [[0.0, 0.0], nearest]]
         yield (
             f"{entity}/nearest/distance",
-            rr.LineStrips2D(spokes, colors=[color_of_plan, EXECUTED], radii=[pixels(0.5)], draw_order=4.5),
+            rr.LineStrips2D(spokes, colors=[plan_color, EXECUTED], radii=[pixels(0.5)], draw_order=4.5),
         )
 
 

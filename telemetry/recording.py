@@ -154,7 +154,7 @@ class Recorder:
         lines |= {limit.entity: limit.names for limit in self._limits}
         lines |= {error.entity: error.names for error in TRACKING_ERRORS}
         for entity, names in lines.items():
-            yield entity, style(entity, names)
+            yield entity, style(entity, names, self._scene)
 
     def _write_frames(self) -> None:
         frames, self._frames = self._frames, []

@@ -96,7 +96,12 @@ _WIDTHS = {"actual": (5.0, 7.0, 3.5), "setpoint": (1.5, 2.8, 1.2)}
 """Of the joints' lines: where joints 2 and 3 move alike, joint 2 shows as a rim of joint 3."""
 
 
-def style(entity: str, names: Sequence[str]) -> rr.SeriesLines:
+def color_of_plan(scene: Scene) -> Color:
+    """Of what is planned at the corners: PH corners have their own."""
+    return CORNER if scene.moves[0].corner_paths else PLANNED
+
+
+def style(entity: str, names: Sequence[str], scene: Scene) -> rr.SeriesLines:
     """How an entity's lines look: joints differ by colour; actual values are broad and dark, setpoints thin and bright.
 
     The viewer draws in the order of names, so that a setpoint lies above its actual value. Where many rows share a pixel it draws
@@ -111,7 +116,8 @@ def style(entity: str, names: Sequence[str]) -> rr.SeriesLines:
     if role in ("limit", "limit_below"):
         return lines(names=list(names), colors=[LIMIT] * len(names), widths=[1.5] * len(names))
     if len(names) == 1:
-        color = PLANNED if role == "setpoint" else EXECUTED
+        planned = color_of_plan(scene) if "path/deviation" in entity else PLANNED
+        color = planned if role == "setpoint" else EXECUTED
         return lines(names=list(names), colors=[color], widths=[5.0 if role == "actual" else 1.5])
     colors = AXES if "tcp" in entity else JOINTS
     if entity.startswith(_WITHOUT_SETPOINT):

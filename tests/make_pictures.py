@@ -27,7 +27,7 @@ CORNERS = ("Pick corner [mm]", "Place corner [mm]")
 GAP = 12
 """Between pictures side by side [pixels]."""
 
-COLORS = 96
+COLORS = 192
 """Of a picture: a viewer's has few, and a palette makes a third of the file."""
 
 

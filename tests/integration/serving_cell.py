@@ -138,7 +138,7 @@ def following(cell: Serving) -> Iterator[Following]:
     with Subscriber(CELL, [cell.endpoint], timeout=DEADLINE, history=0) as subscriber:
         subscriber.wait_for_cell(DEADLINE)
         found = Following(subscriber)
-        wait_until(lambda: found.time >= 0.0)
+        wait_until(lambda: found.messages.keys() >= {"setpoint", "actual", "timing"})
         yield found
 
 

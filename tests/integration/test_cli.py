@@ -182,6 +182,8 @@ def test_bad_scenarios(tmp_path: Path, old: str, new: str, code: int, words: lis
         (["run", PAPER, "--record", "nowhere/paper.rrd"], ["there is no directory nowhere"]),
         (["run", PAPER, "--json", "."], ["it is a directory"]),
         (["run", PAPER, "--cycles", "0"], ["--cycles"]),
+        (["run", SCENARIOS / "stack.toml", "--serve"], ["stack.toml: [sequence] is not for --serve"]),
+        (["run", SCENARIOS / "feed_override.toml", "--serve"], ["[[feed]] is not for --serve"]),
         (["run", PAPER, "--no-telemetry", "--wait-subscribers", "1"], ["leave out --no-telemetry"]),
         (["run", PAPER, "--listen", "nonsense"], ["'nonsense' is not a Zenoh endpoint"]),
         (["build", "--fmi", "4"], ["--fmi is '4'"]),

@@ -15,6 +15,7 @@ from integration.test_following import free_port, process, rerun_binary
 
 from deltaph.errors import DeltaphError
 from deltaph.execution import Trace, evaluate
+from deltaph.export import export
 from deltaph.fmu import cached_fmus
 from deltaph.importer import cosimulate
 from deltaph.outputs import pass_columns
@@ -316,3 +317,12 @@ def test_the_recording_shows_every_operation(recorded: Recorded) -> None:
     for step, is_carried in zip(payload["step"], carried, strict=True):
         mass = [mass for time, mass in changes if time <= step / 1000.0 + 5e-7][-1]
         assert is_carried == (mass > 0.0), step
+
+
+def test_a_recorded_sequence_is_exported_with_the_number_of_the_operation(recorded: Recorded) -> None:
+    columns = export(recorded[0], None)
+    run = schedule(load_scenario(STACK), cycles=2)
+    begins = [operation.begin_ms for operation in run.operations]
+    number = np.searchsorted(begins, columns["step"], side="right").astype(float)
+    expected = np.where(columns["step"] < run.operations[-1].end_ms, (number - 1) % 8 + 1, 0.0)
+    assert columns["operation"].tolist() == expected.tolist()
