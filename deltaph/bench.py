@@ -171,7 +171,7 @@ def _stretch(path: Any, arc_length: NDArray[np.float64], step: float, limits: Li
     theta = path(arc_length)
     bounds = (limits.joint_velocity, limits.joint_acceleration, limits.joint_jerk)[:orders]
     peaks = (np.abs(np.diff(theta, n=n, axis=0)).max(axis=0) / step**n / np.array(bound) for n, bound in enumerate(bounds, 1))
-    return max(float(peak.max()) ** (1.0 / n) for n, peak in enumerate(peaks, 1))
+    return max(float(peak.max() ** (1.0 / n)) for n, peak in enumerate(peaks, 1))
 
 
 FINE = 2e-5
@@ -248,9 +248,9 @@ def compare_optima(name: str, plan: Plan, limits: Limits, console: Console, roun
     timings = in_turns(contenders, rounds)
     ours = {t.contender.name.partition(": ")[2]: t.median_us for t in timings if not t.contender.peer}
     table = Table(name, "median (us)", "motion (ms)", "within limits (ms)", "times ours", box=None, pad_edge=False)
-    for t, stretch in zip(timings, stretches, strict=True):
+    for t, factor in zip(timings, stretches, strict=True):
         base = ours.get(t.contender.name.partition(": ")[2]) if t.contender.peer else None
-        feasible = 1e3 * t.duration * max(stretch, 1.0)
+        feasible = 1e3 * t.duration * max(factor, 1.0)
         ratio = f"{t.median_us / base:.0f}" if base is not None else ""
         table.add_row(t.contender.name, f"{t.median_us:.1f}", f"{1e3 * t.duration:.2f}", f"{feasible:.2f}", ratio)
     console.print(table)
