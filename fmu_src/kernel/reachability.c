@@ -333,8 +333,14 @@ static void lay_fine(const dph_plan *plan, dph_workspace *w)
         for (int j = 0; j < 3; ++j) {
             joint_of(w, k, j, q);
             for (int i = 0; i <= SPLINE_PARTS; ++i) {
-                w->point[k][i].q[0][j] = weighted(value[i], q);
-                w->point[k][i].q[1][j] = inverse * weighted(slope[i], q);
+                dph_path_point *point = &w->point[k][i];
+                if (2 * i % SPLINE_PARTS == 0) { /* one of the three */
+                    point->q[0][j] = q[2 * i / SPLINE_PARTS];
+                    point->q[1][j] = inverse * q[3 + 2 * i / SPLINE_PARTS];
+                } else {
+                    point->q[0][j] = weighted(value[i], q);
+                    point->q[1][j] = inverse * weighted(slope[i], q);
+                }
             }
         }
         for (int i = 0; i <= SPLINE_PARTS && w->bounds.tcp_speed > 0.0; ++i) {
