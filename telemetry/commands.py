@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import COMMANDS, NO_COMMANDS, OUTCOMES, Command, Outcome
 from deltaph.telemetry.keys import CellKeys
-from deltaph.telemetry.session import open_client_session, replies
+from deltaph.telemetry.session import COMMAND_RATE, open_client_session, replies
 
 MAX_REQUEST = 4096
 """A request is refused unread beyond this [bytes]."""
@@ -133,6 +133,7 @@ def commands_schema() -> dict[str, Any]:
         "key": "deltaph/{cell}/command/{name}",
         "encoding": "application/json",
         "max_request_bytes": MAX_REQUEST,
+        "max_rate_Hz": COMMAND_RATE,  # of each; what is more ends unanswered
         "requests": {
             name: {"description": _MEANING[name], "schema": model.model_json_schema()} for name, model in REQUESTS.items()
         },
