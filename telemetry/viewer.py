@@ -28,7 +28,7 @@ def rerun_binary() -> Path:
 def rerun_environment() -> dict[str, str]:
     """The environment of a Rerun program that is started here: it stores and sends nothing on its use.
 
-    The viewer and `rerun rrd` note in the user's home what they are used for, and from the second time on send it to Rerun's makers.
+    The viewer and `rerun rrd` note in the user's home what they are used for, and from the second time on send it to its makers.
     Rerun 0.41 listens to no variable of its own against that, but to CI; its switch, `rerun analytics disable`, would change the
     user's other uses of Rerun. Recording itself notes nothing.
     """

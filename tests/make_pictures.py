@@ -50,7 +50,8 @@ def viewer_of(recording: Path, size: str = "1600x1000") -> Iterator[ViewerClient
         size,
         "--hide-welcome-screen",
     ]
-    with subprocess.Popen(command, env={**rerun_environment(), "XDG_RUNTIME_DIR": tempfile.gettempdir(), "RUST_LOG": "error"}) as viewer:
+    environment = {**rerun_environment(), "XDG_RUNTIME_DIR": tempfile.gettempdir(), "RUST_LOG": "error"}
+    with subprocess.Popen(command, env=environment) as viewer:
         try:
             yield loaded(f"rerun+http://127.0.0.1:{port}/proxy")
         finally:
