@@ -24,6 +24,7 @@ from deltaph.telemetry.session import open_client_session, replies
 _ANSWER_TIMEOUT = 2.0  # [s]
 _KEPT_TIMEOUT = 10.0  # for the messages that the publisher kept: there may be many [s]
 _QUIET = 0.5  # the end of the token may overtake messages; those that are under way are here by then [s]
+_LATE = 5.0  # the summary has this long to come after the token went, which overtakes it: a busy machine sends late [s]
 _RETURN = 10.0  # a connection that was lost has this long to come back, as when a router restarts [s]
 
 
@@ -170,7 +171,7 @@ class Subscriber:
         """The messages as they come; ends when the cell has gone and all that it sent is here.
 
         A connection that is lost is made again, and what was sent meanwhile is asked for; where it stays away for 10 s, that is the
-        end.
+        end. A cell that goes without a summary is waited for 5 s longer: the summary, its last message, may be late.
 
         Args:
             seconds: end after so long in any case; None does not. The next call goes on where this one ended.
@@ -184,8 +185,10 @@ class Subscriber:
             try:
                 sample = self._samples.get(timeout=self._patience(end, waiting=self._gone is not None or bool(asking)))
             except Empty:
-                if self._gone is not None and not asking and (self._connected() or time.monotonic() > self._gone + _RETURN):
-                    break
+                if self._gone is not None and not asking:
+                    more = _LATE if self._connected() else _RETURN  # only a connection that lives can still bring the summary
+                    if time.monotonic() > self._gone + more:
+                        break
                 continue
             if isinstance(sample, _Answered):
                 if sample.stream.query is not None and sample.stream.query[0] == sample.query:

@@ -24,6 +24,7 @@ from deltaph.frame import Frame
 from deltaph.telemetry import DEFAULT_ENDPOINT, EVENT_KINDS, BackgroundSink, Message, Publisher, Subscriber, layout, schema_document
 from deltaph.telemetry.publisher import HISTORY
 from deltaph.telemetry.session import open_client_session
+from deltaph.telemetry.subscriber import _QUIET
 
 CELL = "test-cell"
 DEADLINE = 20.0  # [s]
@@ -206,6 +207,17 @@ def test_subscriber_gets_messages_documents_and_the_end() -> None:
         assert [layout(name).as_dict(record) for record in records] == [
             {"sequence": frame.step, **values_of(frame)[name]} for frame in offered
         ]
+
+
+def test_summary_that_the_end_of_the_token_overtook_is_waited_for() -> None:
+    """As on a busy machine, where what was sent before the token went arrives a good while after."""
+    with cell() as publisher, following(publisher) as (subscriber, read):
+        publisher.set_summary('{"verdict": "kept"}')
+        publisher._token.undeclare()  # type: ignore[no-untyped-call]
+        wait_until(lambda: subscriber._gone is not None and time.monotonic() > subscriber._gone + 3.0 * _QUIET)
+        publisher.close()
+        read()
+        assert subscriber.summary == {"verdict": "kept"}
 
 
 def test_plan_is_published_when_one_is_decided_and_kept_for_newcomers() -> None:
