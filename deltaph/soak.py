@@ -258,6 +258,7 @@ def _lost(observed: Observed) -> list[str]:
     got, failures = observed.subscriber, []
     if not got["summary"]:
         failures.append("the subscriber did not get the summary")
+    failures += [f"{seen['missing']} {name} lost" for name, seen in got["messages"].items() if seen["missing"]]
     for name in ("setpoint", "actual", "timing"):
         seen = got["messages"].get(name)
         if seen is None:
@@ -267,8 +268,6 @@ def _lost(observed: Observed) -> list[str]:
             failures.append(f"{seen['out_of_order']} {name} out of order")
         if seen["last"] != observed.cell["steps"]:
             failures.append(f"the last {name} is {seen['last']} of {observed.cell['steps']}: service did not resume")
-        if seen["missing"]:
-            failures.append(f"{seen['missing']} {name} lost")
         if seen["received"] + seen["missing"] != observed.cell["steps"] + 1:
             failures.append(f"{name}: {seen['received']} received and {seen['missing']} missing are not all that was sent")
     return failures

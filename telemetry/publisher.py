@@ -22,6 +22,7 @@ HISTORY = 30_000
 """Messages of each kind that are kept for those who come late or have lost some: 30 s at 1 kHz, some 60 MB once it is full."""
 
 _HEARTBEAT = 0.5  # between two messages that tell Zenoh's own advanced subscribers how many there have been [s]
+_LINGER = 0.5  # after the summary, which tells a subscriber that it has lost the last messages: it may ask for them [s]
 _ADMIN_TIMEOUT = 1.0  # for what the session's own administration space answers [s]
 
 
@@ -156,6 +157,8 @@ class Publisher:
                 attachment=json.dumps(self._last_numbers()),
                 congestion_control=block,
             )
+            if self.subscribers():
+                time.sleep(_LINGER)
         self._session.close()  # type: ignore[no-untyped-call]
 
     def _last_numbers(self) -> dict[MessageName, int]:

@@ -365,6 +365,26 @@ def test_what_is_lost_at_the_very_end_is_counted() -> None:
     assert subscriber.missing == {"setpoint": 3, "actual": 3, "timing": 3, "plan": 0, "event": 0}
 
 
+def test_what_is_lost_at_the_very_end_comes_back_where_it_is_kept() -> None:
+    """No message that comes later tells of the gap: the summary does."""
+    offered = frames(20)
+    with cell() as publisher, following(publisher) as (subscriber, read):
+        for frame in offered[:10]:
+            publisher.take(frame)
+        wait_until(lambda: subscriber.received["timing"] == 10)
+        subscriber._subscription.undeclare()  # type: ignore[no-untyped-call]
+        wait_until(lambda: publisher.subscribers() == 0)
+        for frame in offered[10:]:
+            publisher.take(frame)
+        subscriber._subscription = subscriber._session.declare_subscriber(subscriber._keys.everything, subscriber._samples.put)
+        publisher.wait_for_subscribers(1, DEADLINE)
+        publisher.set_summary("{}")
+        publisher.close()
+        sequences = [int(message.record["sequence"]) for message in read() if message.name == "actual"]
+    assert sequences == list(range(20))
+    assert set(subscriber.missing.values()) == {0}
+
+
 def test_reading_in_slices_goes_on_where_it_ended_and_ends_with_the_cell() -> None:
     offered = frames(300)
     with cell() as publisher, Subscriber(CELL, publisher.endpoints, timeout=DEADLINE) as subscriber:
