@@ -30,6 +30,7 @@ def planner_columns(plan: Plan, time: FloatArray) -> dict[str, FloatArray]:
         "plan.count": 1,
         "plan.busy": time < plan.duration,
         "plan.refused": 0,
+        "plan.cancelled": 0,
     }
     found = {}
     for variable in table.of("output"):
