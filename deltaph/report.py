@@ -385,7 +385,7 @@ def print_serving(console: Console, scenario: Scenario, facts: Mapping[str, Any]
     table.add_row("steps", f"{facts['steps']}, {facts['steps'] * facts['communication_step_s']:.3f} s")
     told = [f"{command} {_outcomes(outcomes)}" for command, outcomes in facts["commands"].items() if outcomes]
     table.add_row("commands", "; ".join(told) or "none")
-    table.add_row("plans", f"{plans['accepted']} accepted, {plans['refused']} refused, {plans['arrived']} arrived")
+    table.add_row("plans", plans_text(plans))
     table.add_row("corners kept in the machine", f"{plans['corners_kept']} of {plans['corners']}")
     if plans["worst"]:
         table.add_row("worst corner", worst_corner(plans["worst"]))
@@ -403,6 +403,12 @@ def print_serving(console: Console, scenario: Scenario, facts: Mapping[str, Any]
 
 def _outcomes(outcomes: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {outcome}" for outcome, count in outcomes.items())
+
+
+def plans_text(plans: Mapping[str, Any]) -> str:
+    """What became of the plans of a cell that served; most are never cancelled."""
+    cancelled = f", {plans['cancelled']} cancelled" if plans["cancelled"] else ""
+    return f"{plans['accepted']} accepted, {plans['refused']} refused{cancelled}, {plans['arrived']} arrived"
 
 
 def worst_corner(worst: Mapping[str, Any]) -> str:

@@ -2,7 +2,8 @@
 
 What should be emitted comes from the rule alone: a request takes one slice of planning in each millisecond, beginning with its
 own; its PPO starts once the one before has arrived and it is planned; a request is refused while the one before has not begun.
-A cancel discards the one that has not begun, before the request of the same point is looked at; the robot rests where the one before ends.
+A cancel discards the one that has not begun, before the request of the same point is looked at; the robot rests where the one
+before ends.
 """
 
 import itertools
