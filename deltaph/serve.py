@@ -335,7 +335,7 @@ class Attendant:
                 reason = "the cell is stopped: resume it first"
                 return Reply(command="ppo", accepted=False, outcome="stopped", time=self.time, reason=reason)
             case "cancelled":
-                reason = "the cell was stopped before this was planned: ask again"
+                reason = "the cell was stopped before this was planned: resume it and ask again"
                 return Reply(command="ppo", accepted=False, outcome="stopped", time=self.time, reason=reason)
             case str():
                 reason = "the plant has tripped: its brakes are on until the cell is started again"

@@ -289,7 +289,7 @@ def test_stop_discards_what_is_being_planned(tmp_path: Path) -> None:
                 end, other_end, delay, accepted = other_end, end, 0.0, accepted + 1
             assert found.time < deadline
         assert (stopped.discarded, reply.accepted, reply.outcome) == (1, False, "stopped")
-        assert reply.reason == "the cell was stopped before this was planned: ask again"
+        assert reply.reason == "the cell was stopped before this was planned: resume it and ask again"
         resumed = found.time
         found.wait_for_time(resumed + 0.3)
         setpoints = found.of("setpoint")

@@ -90,6 +90,14 @@ def test_random_tasks_in_random_slices(law: str) -> None:
         assert in_slices(wanted, int(random.integers(1, 2000)))[:2] == in_one_go(wanted)
 
 
+@pytest.mark.parametrize("name", ["paper", "comparison", "paper_limited", "time_optimal", "torque_limit"])
+def test_a_plan_knows_how_many_slices_it_took(name: str) -> None:
+    _, bits, slices = in_slices(request(name), lib.DPH_SLICE)
+    plan = Plan.of(load_scenario(SCENARIOS / f"{name}.toml"))
+    assert plan.slices == slices
+    assert bytes(ffi.buffer(plan._struct)) == bits
+
+
 def test_a_paper_plan_takes_one_slice() -> None:
     assert in_slices(CASES["paper"], lib.DPH_SLICE)[2] == 1
 
