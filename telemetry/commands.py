@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import reprlib
 import threading
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -19,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import COMMANDS, NO_COMMANDS, OUTCOMES, Command, Outcome
 from deltaph.telemetry.keys import CellKeys
-from deltaph.telemetry.session import open_client_session, replies
+from deltaph.telemetry.session import COMMAND_RATE, open_client_session, replies
 
 MAX_REQUEST = 4096
 """A request is refused unread beyond this [bytes]."""
@@ -28,6 +29,8 @@ VERDICT_TIMEOUT = 5.0
 """A PPO is answered by then, if only with `failed` [s]."""
 
 _ANSWER_TIMEOUT = VERDICT_TIMEOUT + 1.0  # of a client [s]
+_PATIENCE = 1.0  # of a client whose queries end unanswered, much less than a query that is not answered in time takes [s]
+_PAUSE = 0.003  # between two of them: no multiple of the pause that a cell keeps between two commands [s]
 
 NonNegative = Annotated[float, Ge(0)]
 Point = tuple[float, float, float]
@@ -133,6 +136,7 @@ def commands_schema() -> dict[str, Any]:
         "key": "deltaph/{cell}/command/{name}",
         "encoding": "application/json",
         "max_request_bytes": MAX_REQUEST,
+        "max_rate_Hz": COMMAND_RATE,  # of each; what is more ends unanswered
         "requests": {
             name: {"description": _MEANING[name], "schema": model.model_json_schema()} for name, model in REQUESTS.items()
         },
@@ -167,7 +171,8 @@ class CommandService:
     The override is taken in Zenoh's thread, at once and always: a hold is heard in a flood. A stop is in force as soon, its answer
     says what it has discarded and takes two steps more. A PPO is handed to a thread of its own,
     one at a time; what comes meanwhile is refused as busy. The step loop never waits for either, but Zenoh's threads and the loop
-    share the interpreter: a flood makes steps late by tenths of a millisecond. An access list says who may command.
+    share the interpreter, so that of a flood the session lets in no more than COMMAND_RATE of each command. An access list says who
+    may command.
 
     Attributes:
         counts: commands so far by outcome (COMMANDS, OUTCOMES); replaced, never written.
@@ -367,6 +372,13 @@ class CommandClient:
         if not self._session.is_closed():
             self._session.close()  # type: ignore[no-untyped-call]
 
+    def _answers(self, key: str, payload: bytes) -> list[zenoh.Reply]:
+        """What comes back. A query that ends at once has reached no cell, or came in a flood: it is sent again for a while."""
+        patience = time.monotonic() + _PATIENCE
+        while not (answers := replies(self._session, key, _ANSWER_TIMEOUT, payload)) and time.monotonic() < patience:
+            time.sleep(_PAUSE)
+        return answers
+
     def _send(self, command: Command, request: BaseModel) -> Reply:
         """Send a command.
 
@@ -374,8 +386,7 @@ class CommandClient:
             EnvironmentProblem: no cell takes it, or what answers is none of this version.
         """
         key = self._keys.command(command)
-        answers = replies(self._session, key, _ANSWER_TIMEOUT, request.model_dump_json(exclude_none=True).encode())
-        for answer in answers:
+        for answer in self._answers(key, request.model_dump_json(exclude_none=True).encode()):
             if answer.ok is not None:
                 try:
                     return Reply.model_validate_json(answer.ok.payload.to_bytes())

@@ -11,7 +11,7 @@ import zenoh
 from zenoh import ext
 
 from deltaph.errors import EnvironmentProblem
-from deltaph.frame import Frame
+from deltaph.frame import COMMANDS, Frame
 from deltaph.telemetry.events import EventWatch
 from deltaph.telemetry.keys import FRAME_MESSAGES, QUERY_NAMES, CellKeys, MessageName, QueryName
 from deltaph.telemetry.messages import layout, schema_document
@@ -68,7 +68,8 @@ class Publisher:
             raise EnvironmentProblem(
                 f"a cell {cell} is there already: give this one another name with --cell, or as `cell` under [run]"
             )
-        self._session, self.endpoints = open_cell_session(listen, connect, config)
+        commands = (*map(self._keys.command, COMMANDS), self._keys.commands)
+        self._session, self.endpoints = open_cell_session(listen, connect, config, commands)
         self._history = history
         self.published = 0
         self._last_step = -1
