@@ -168,11 +168,10 @@ class Cell(Protocol):
 class CommandService:
     """Answers the commands to a cell.
 
-    The override is taken in Zenoh's thread, at once and always: a hold is heard in a flood. A stop is in force as soon, its answer
-    says what it has discarded and takes two steps more. A PPO is handed to a thread of its own,
-    one at a time; what comes meanwhile is refused as busy. The step loop never waits for either, but Zenoh's threads and the loop
-    share the interpreter, so that of a flood the session lets in no more than COMMAND_RATE of each command. An access list says who
-    may command.
+    The override is taken in Zenoh's thread, at once and always: a hold is heard in a flood. A stop is in force as soon; its answer
+    says what it has discarded, which takes two steps more. A PPO is handed to a thread of its own, one at a time; what comes
+    meanwhile is refused as busy. The step loop never waits for either, but Zenoh's threads and the loop share the interpreter, so
+    that of a flood the session lets in no more than COMMAND_RATE of each command. An access list says who may command.
 
     Attributes:
         counts: commands so far by outcome (COMMANDS, OUTCOMES); replaced, never written.
@@ -239,9 +238,9 @@ class CommandService:
             return
         with self._lock:
             feed = self._cell.override(command, request.value if isinstance(request, FeedRequest) else None)
-            time = self._cell.time
+            at = self._cell.time
         discarded = self._cell.discarded() if command == "stop" else None
-        self._reply(query, Reply(command=command, accepted=True, outcome="accepted", time=time, feed=feed, discarded=discarded))
+        self._reply(query, Reply(command=command, accepted=True, outcome="accepted", time=at, feed=feed, discarded=discarded))
 
     def _work(self) -> None:
         """Decide one PPO after the other."""
