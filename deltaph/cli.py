@@ -410,7 +410,7 @@ def command_ppo(
 
 @command_app.command("hold")
 def command_hold(connect: ConnectOption = None, cell: CellOption = "cell1", zenoh_config: ZenohConfigOption = None) -> None:
-    """Stop on the path, with bounded jerk. What is accepted waits for `resume`."""
+    """Stop on the path, with bounded jerk. What is accepted waits for `resume`; `stop` discards it."""
     _send(lambda client: client.hold(), connect, cell, zenoh_config)
 
 
@@ -422,7 +422,7 @@ def command_resume(connect: ConnectOption = None, cell: CellOption = "cell1", ze
 
 @command_app.command("stop")
 def command_stop(connect: ConnectOption = None, cell: CellOption = "cell1", zenoh_config: ZenohConfigOption = None) -> None:
-    """As hold, and every ppo is refused until `resume`. What was accepted before goes on then."""
+    """As hold; what waits or is being planned is discarded, and every ppo is refused until `resume`, when what runs goes on."""
     _send(lambda client: client.stop(), connect, cell, zenoh_config)
 
 

@@ -37,7 +37,7 @@ def scene_of(scenario: Scenario) -> Scene:
         law=scenario.law.name,
         scenario_json=scenario.json,
         moves=[_move(operation, run) for operation in operations],
-        period=run.cycle_time if scenario.parts else None,
+        period=run.period if scenario.parts else None,
         clock=run.clock.at,
         limits=asdict(scenario.limits),
         joint_range=(parameters["robot.joint_position_min"], parameters["robot.joint_position_max"]),

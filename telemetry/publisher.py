@@ -75,9 +75,9 @@ class Publisher:
         self.published = 0
         self._last_step = -1
         self._plans = 0
-        self._decided = (0, 0)
+        self._decided = [0, 0, 0]
         integers = [v.name for v in variable_table("planner").of("output") if not v.is_float]
-        self._count, self._refused = integers.index("plan.count"), integers.index("plan.refused")
+        self._decisions = [integers.index(f"plan.{name}") for name in ("count", "refused", "cancelled")]
         self._answers: dict[QueryName, tuple[bytes, zenoh.Encoding]] = {}
         self._answer("schema", json.dumps(schema_document()))
         self._answer("scenario", scenario_json)
@@ -94,8 +94,8 @@ class Publisher:
         return self._session
 
     def take(self, frame: Frame) -> None:
-        """Publish a frame, what happened since the last one, and the plan where one was accepted or refused."""
-        decided = int(frame.planner_integers[self._count]), int(frame.planner_integers[self._refused])
+        """Publish a frame, what happened since the last one, and the plan where one was accepted, refused or cancelled."""
+        decided = frame.planner_integers[self._decisions].tolist()
         if decided != self._decided:
             self._decided = decided
             payload = self._plan.encode(frame, self._plans)

@@ -34,8 +34,8 @@ def facts(verdict: Any) -> tuple[Any, ...]:
 
 
 def in_one_go(task: Any) -> tuple[tuple[Any, ...], bytes]:
-    plan = ffi.new("dph_plan *")
-    verdict = lib.dph_plan_make(ROBOT.struct, task, ffi.cast("dph_workspace *", memory()), plan)
+    workspace, plan = memory(), ffi.new("dph_plan *")  # a cast does not keep what it is of
+    verdict = lib.dph_plan_make(ROBOT.struct, task, ffi.cast("dph_workspace *", workspace), plan)
     return facts(verdict), bytes(ffi.buffer(plan))
 
 
@@ -88,6 +88,14 @@ def test_random_tasks_in_random_slices(law: str) -> None:
     for task in random_tasks(20, seed=5):
         wanted = request(law, pick=task.pick, place=task.place, lift=task.lift, corner_deviation=task.corner_deviation)
         assert in_slices(wanted, int(random.integers(1, 2000)))[:2] == in_one_go(wanted)
+
+
+@pytest.mark.parametrize("name", ["paper", "comparison", "paper_limited", "time_optimal", "torque_limit"])
+def test_a_plan_knows_how_many_slices_it_took(name: str) -> None:
+    _, bits, slices = in_slices(request(name), lib.DPH_SLICE)
+    plan = Plan.of(load_scenario(SCENARIOS / f"{name}.toml"))
+    assert plan.slices == slices
+    assert bytes(ffi.buffer(plan._struct)) == bits
 
 
 def test_a_paper_plan_takes_one_slice() -> None:
