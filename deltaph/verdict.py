@@ -91,19 +91,21 @@ def serving_markdown(scenario: Scenario, facts: Mapping[str, Any]) -> str:
     """
     plans, timing, executed = facts["plans"], facts["timing"], facts["executed"]
     count, lost = plans["corners"], plans["corners"] - plans["corners_kept"]
-    verdict = f"Deviation NOT kept at {lost} of {count} corners" if lost else f"Deviation kept at all {count} corners"
+    tolerance, worst = deviation_tolerance(scenario), plans["worst"]
+    within = f" within the tolerance of {1e3 * tolerance:g} mm" if worst and corner_excess(worst) > 0.0 else ""
+    verdict = f"Deviation NOT kept at {lost} of {count} corners" if lost else f"Deviation kept{within} at all {count} corners"
     lines = [f"# {verdict if count else 'No corner was passed'}", ""]
     if executed["trip_time_s"] is not None:
         axis = f" of axis {executed['trip_axis']}" if executed["trip_axis"] else ""
         lines = [f"# TRIPPED at {executed['trip_time_s']:.3f} s: {executed['trip']}{axis}", "", *lines]
-    if plans["worst"]:
-        lines += [f"Worst: {worst_corner(plans['worst'])}.", ""]
+    if worst:
+        lines += [f"Worst: {worst_corner(worst)}.", ""]
     lines += [
         f"**{scenario.title}**: served for {facts['steps'] * facts['communication_step_s']:.3f} s, law `{scenario.law.name}`, "
         f"{scenario.gains} gains. Plans: {plans['accepted']} accepted, {plans['refused']} refused, {plans['arrived']} arrived. "
         f"Tracking error at most {1e3 * executed['tracking_error_tcp_max_m']:.3f} mm at the tool.",
         "",
-        *_served_corners(facts, deviation_tolerance(scenario)),
+        *_served_corners(facts, tolerance),
         *_decisions(facts),
         f"{timing['missed_deadlines']} deadlines missed, {facts['telemetry']['dropped']} messages dropped.",
         "",

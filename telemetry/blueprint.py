@@ -63,8 +63,9 @@ def _cell(scene: Scene) -> rrb.Spatial3DView:
 
 
 def _corner(scene: Scene, index: int) -> rrb.Spatial2DView:
-    moves = "newest plans" if scene.served else "moves"
-    several = f", {len(scene.moves)} {moves} on top of each other" if len(scene.moves) > 1 else ""
+    several = f", {len(scene.moves)} moves on top of each other" if len(scene.moves) > 1 else ""
+    if scene.served:
+        several = f", newest {len(scene.moves)} plans" if len(scene.moves) > 1 else ""
     return rrb.Spatial2DView(
         origin=f"corner/{CORNERS[index]}",
         name=f"{CORNERS[index].capitalize()} corner [mm]{several}",
@@ -137,13 +138,15 @@ def _joint_plot(scene: Scene, spans: Spans, words: str, quantity: str, si: str, 
 def _deviations(scene: Scene, spans: Spans) -> rrb.Container | rrb.View:
     """The distance to the vertices: of one move around each corner, of several over all of the time."""
     entity = f"{PLOT}path/deviation/**"
+    top = 4.0 * max(corner.size(scene, 0), corner.size(scene, 1))
     if scene.served:
         return rrb.Vertical(
             _plot(spans, "Deviation at each corner [mm]: planned violet, executed orange, prescribed red", f"{corner.PASSES}/**"),
-            _plot(spans, "Setpoint's distance to the nearer vertex [mm]", f"{PLOT}path/deviation/setpoint"),
+            _plot(
+                spans, "Setpoint's distance to the nearer vertex [mm]", f"{PLOT}path/deviation/setpoint", within=(-0.05 * top, top)
+            ),
         )
     if len(scene.moves) > 1:
-        top = 4.0 * max(corner.size(scene, 0), corner.size(scene, 1))
         planned = "violet" if color_of_plan(scene) == CORNER else "blue"
         return rrb.Vertical(
             _plot(spans, "Deviation at each corner [mm]: planned violet, executed orange, prescribed red", f"{corner.PASSES}/**"),

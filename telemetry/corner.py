@@ -111,8 +111,8 @@ def passes(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str, Any
     """Entities, styles and values of the deviation at each corner in order of time: prescribed, planned and executed [mm]."""
     prescribed = [float(scene.moves[mark.move].corner_deviation[mark.corner]) for mark in found]
     for name, values, color, size in (
-        ("executed", [mark.executed for mark in found], EXECUTED, 3.5),
-        ("planned", [mark.planned for mark in found], CORNER, 3.5),
+        ("executed", [mark.executed for mark in found], EXECUTED, 5.0),  # seen as a rim where the next one covers it
+        ("planned", [mark.planned for mark in found], CORNER, 3.0),
         ("prescribed", prescribed, LIMIT, 1.5),
     ):
         names = [f"corner deviation {name} [mm]"]
