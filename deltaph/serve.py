@@ -27,6 +27,7 @@ from deltaph.plan import Plan
 from deltaph.report import print_serving
 from deltaph.run import QUEUE_FRAMES, Options, load_cell, open_publisher, open_recorder
 from deltaph.scenario import Pair, Scenario, Task
+from deltaph.scene import served_marks, served_scene
 from deltaph.slave import Slave
 from deltaph.tally import Begun, Tally
 from deltaph.telemetry import BackgroundSink, CommandService, FeedFacts, PlanFacts, PpoRequest, RefusedPlan, Reply
@@ -92,15 +93,19 @@ class _Job:
         task: as asked for.
         inputs: of the planner, in the order of TASK_INPUTS (k,).
         dwell: [s].
+        declared: what the plan is made for [kg].
         payload: what the gripper then really carries [kg].
         stops: how often the cell had been stopped when it was asked for: a later stop discards it.
         verdict: the loop's: a verdict of the planner, or why there is none.
     """
 
-    def __init__(self, task: Task, inputs: NDArray[np.float64], dwell: float, payload: float, stops: int) -> None:
+    def __init__(
+        self, task: Task, inputs: NDArray[np.float64], dwell: float, declared: float, payload: float, stops: int
+    ) -> None:
         self.task = task
         self.inputs = inputs
         self.dwell = dwell
+        self.declared = declared
         self.payload = payload
         self.stops = stops
         self.verdict: _Verdict | str | None = None
@@ -245,9 +250,7 @@ class Attendant:
             start = None
         self._end = None if start is None else start + _whole_ms(job.dwell) + outputs["plan.duration"]
         planned = outputs["plan.corner_deviation_pick"], outputs["plan.corner_deviation_place"]
-        vertices = np.array([job.task.pick, job.task.place])
-        vertices[:, 2] += job.task.lift
-        begun = Begun(step, count, vertices, job.task.corner_deviation, planned)
+        begun = Begun(step, count, job.task, job.declared, planned)
         if waits:
             self._waiting = job, begun
             self._watch(step)
@@ -315,7 +318,8 @@ class Attendant:
             except InfeasibleError as error:
                 return _Refusal.of(error).reply(self.time)
         inputs = task_inputs(task) | {"task.dwell": request.dwell or 0.0, "payload.mass": declared}
-        job = _Job(task, np.array([inputs[name] for name in TASK_INPUTS]), request.dwell or 0.0, real, stops)
+        values = np.array([inputs[name] for name in TASK_INPUTS])
+        job = _Job(task, values, request.dwell or 0.0, declared, real, stops)
         return self._ask(job, foreseen)
 
     def _ask(self, job: _Job, foreseen: _Refusal | None) -> Reply:
@@ -447,8 +451,8 @@ def serve_scenario(path: Path, options: Options, console: Console, log: Console)
     tally = Tally(deviation_tolerance(scenario))
     attendant = Attendant(scenario, tally)
     with ExitStack() as stack:
-        publisher, publishing = open_publisher(scenario, options, log, stack)
-        recorder, recording = open_recorder(scenario, options.record, log, stack) if options.record else (None, None)
+        publisher, publishing = open_publisher(scenario, options, log, stack, serves=True)
+        recorder, recording = open_recorder(scenario, options.record, log, stack, serves=True) if options.record else (None, None)
         counting = BackgroundSink(tally, QUEUE_FRAMES, poll=0.05)
         stack.callback(counting.close)
         sinks = [sink for sink in (publishing, recording, counting) if sink is not None]
@@ -489,7 +493,9 @@ def serve_scenario(path: Path, options: Options, console: Console, log: Console)
         }
         publisher.set_summary(json.dumps(facts))
         if recorder is not None:
-            recorder.summary(serving_markdown(scenario, facts), json.dumps(facts))
+            recorder.summary(
+                serving_markdown(scenario, facts), json.dumps(facts), served_marks(facts), served_scene(scenario, facts)
+            )
     print_serving(console, scenario, facts)
     if options.record is not None:
         log.print(f"recorded {options.record}: open it with `deltaph view {options.record}`", style="dim", soft_wrap=True)
