@@ -177,9 +177,9 @@ void dph_corner_motion(const dph_corner *corner, double gamma, const double spee
     dph_corner_at(corner, gamma, &point);
 
     /* g = v / sigma = dgamma/dt (eq. (17)) and its derivatives by gamma, from v = g sigma. */
-    double g = speed[0] / point.sigma[0];
-    double g1 = (speed[1] - g * point.sigma[1]) / point.sigma[0];
-    double g2 = (speed[2] - 2.0 * g1 * point.sigma[1] - g * point.sigma[2]) / point.sigma[0];
+    double inverse = 1.0 / point.sigma[0], g = speed[0] * inverse;
+    double g1 = (speed[1] - g * point.sigma[1]) * inverse;
+    double g2 = (speed[2] - 2.0 * g1 * point.sigma[1] - g * point.sigma[2]) * inverse;
 
     /* Time derivatives of gamma, then of the position by the chain rule. */
     double d1 = g, d2 = g1 * g, d3 = g2 * g * g + g1 * g1 * g;

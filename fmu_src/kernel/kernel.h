@@ -90,7 +90,7 @@ dph_verdict dph_robot_check(const dph_robot *robot);
  * Returned: theta (3) [rad].
  * Fails:    UNREACHABLE with the joint, and the distance shoulder to platform joint in the arm's plane against its bound; theta then
  *           keeps its value.
- * Cost:     three square roots, six divisions; no trigonometric function. */
+ * Cost:     three square roots, four divisions; no trigonometric function. */
 dph_verdict dph_inverse_kinematics(const dph_robot *robot, const double point[3], double theta[3]);
 
 /* Forward kinematics: the lower intersection of the three forearm spheres.
