@@ -46,6 +46,9 @@ void dph_pose_dexterities(const dph_robot *robot, const dph_pose *pose, double a
 /* As dph_joint_motion and dph_inverse_dynamics, from a pose: no trigonometric function. */
 void dph_pose_motion(const dph_pose *pose, const double velocity[3], const double acceleration[3], const double jerk[3],
                      double joint_velocity[3], double joint_acceleration[3], double joint_jerk[3]);
+/* The first two of it. */
+void dph_pose_acceleration(const dph_pose *pose, const double velocity[3], const double acceleration[3], double joint_velocity[3],
+                           double joint_acceleration[3]);
 void dph_pose_dynamics(const dph_robot *robot, const dph_pose *pose, double payload, dph_motion *motion);
 
 /* What planning asks of a point: first two derivatives of the joints that go with those of the point by any parameter (q'[3], q''[3]),

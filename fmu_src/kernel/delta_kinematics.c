@@ -240,8 +240,9 @@ void dph_elbows(const dph_robot *robot, int n, const double *theta, double *elbo
     }
 }
 
-void dph_pose_motion(const dph_pose *pose, const double velocity[3], const double acceleration[3], const double jerk[3],
-                     double joint_velocity[3], double joint_acceleration[3], double joint_jerk[3])
+/* Without the jerk where that is NULL. */
+static inline void motion_at(const dph_pose *pose, const double velocity[3], const double acceleration[3], const double *jerk,
+                             double joint_velocity[3], double joint_acceleration[3], double *joint_jerk)
 {
     double upper = pose->upper, upper2 = upper * upper, p11 = dot(velocity, velocity), p12 = dot(velocity, acceleration);
     for (int i = 0; i < 3; ++i) {
@@ -259,12 +260,27 @@ void dph_pose_motion(const dph_pose *pose, const double velocity[3], const doubl
         /* phi'' = |s'|^2 + s . (p'' - E' a - E'' w^2) = 0, s' = p' - E' w */
         double s11 = p11 + w * (2.0 * v1 + upper2 * w);
         double a = (s11 + dot(s, acceleration) - e * w * w) * inverse;
+        joint_velocity[i] = w;
+        joint_acceleration[i] = a;
+        if (!jerk)
+            continue;
+
         /* phi''' = 3 s' . s'' + s . (p''' - E' j - 3 E'' w a + E' w^3) = 0, s'' = p'' - E' a - E'' w^2, since E''' = -E' */
         double s12 = p12 + a * v1 + w * (v2 + w * n1 + upper2 * a);
         joint_jerk[i] = (3.0 * (s12 - e * w * a) + dot(s, jerk)) * inverse + w * w * w;
-        joint_acceleration[i] = a;
-        joint_velocity[i] = w;
     }
+}
+
+void dph_pose_motion(const dph_pose *pose, const double velocity[3], const double acceleration[3], const double jerk[3],
+                     double joint_velocity[3], double joint_acceleration[3], double joint_jerk[3])
+{
+    motion_at(pose, velocity, acceleration, jerk, joint_velocity, joint_acceleration, joint_jerk);
+}
+
+void dph_pose_acceleration(const dph_pose *pose, const double velocity[3], const double acceleration[3], double joint_velocity[3],
+                           double joint_acceleration[3])
+{
+    motion_at(pose, velocity, acceleration, NULL, joint_velocity, joint_acceleration, NULL);
 }
 
 int dph_rates_at(const dph_robot *robot, const double point[3], const double first[3], const double second[3], dph_rates *rates)
