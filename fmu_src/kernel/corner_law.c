@@ -46,7 +46,7 @@ static double slowness(double gamma, const void *context)
 /* Time from one parameter to another one in the same panel. */
 static double time_between(const dph_corner_law *law, double from, double to)
 {
-    double length = (to - from) / law->pieces, sum = 0.0;
+    double share = 1.0 / law->pieces, length = (to - from) * share, sum = 0.0; /* a power of two: exact, and early */
     for (int piece = 0; piece < law->pieces; ++piece)
         sum += gauss_integral_6(slowness, law, from + length * piece, from + length * (piece + 1));
     return sum;
@@ -87,7 +87,7 @@ static void series_at(const dph_corner_law *law, double gamma, double series[3])
     double g2 = (v2 - 2.0 * g1 * sigma[1] - g * sigma[2]) * inverse;
     series[0] = g;
     series[1] = g * g1 / 2.0;
-    series[2] = g * (g2 * g + g1 * g1) / 6.0;
+    series[2] = g * (g2 * g + g1 * g1) * (1.0 / 6.0);
 }
 
 static inline double after(double gamma, const double series[3], double time)
@@ -134,7 +134,7 @@ static int invert(const dph_corner_law *law, double time, double *gamma)
         else
             high = middle;
     }
-    double left = law->gamma[low], right = law->gamma[high], piece = (right - left) / law->pieces, before;
+    double left = law->gamma[low], right = law->gamma[high], before;
     int nearest = time - law->time[low] < law->time[high] - time ? low : high;
     double from = law->gamma[nearest], since = time - law->time[nearest], next = after(from, law->series[nearest], since), series[3];
 
@@ -144,7 +144,7 @@ static int invert(const dph_corner_law *law, double time, double *gamma)
         before = next < left ? left : next > right ? right : next; /* t(gamma) increases: beyond the panel is too far */
         series_at(law, before, series);
         next = after(before, series, since - time_between(law, from, before));
-    } while (++step < 20 && fabs(next - before) > 1e-3 * piece);
+    } while (++step < 20 && fabs(next - before) * law->pieces > 1e-3 * (right - left));
     *gamma = next;
     return step;
 }
