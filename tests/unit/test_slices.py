@@ -34,8 +34,8 @@ def facts(verdict: Any) -> tuple[Any, ...]:
 
 
 def in_one_go(task: Any) -> tuple[tuple[Any, ...], bytes]:
-    plan = ffi.new("dph_plan *")
-    verdict = lib.dph_plan_make(ROBOT.struct, task, ffi.cast("dph_workspace *", memory()), plan)
+    workspace, plan = memory(), ffi.new("dph_plan *")  # a cast does not keep its memory
+    verdict = lib.dph_plan_make(ROBOT.struct, task, ffi.cast("dph_workspace *", workspace), plan)
     return facts(verdict), bytes(ffi.buffer(plan))
 
 
