@@ -50,11 +50,11 @@ static int excess_of(const dph_workspace *w, int k, double excess[3])
     double width = w->knot[k + 1] - w->knot[k], slope[2] = {width * w->slope[k], width * w->slope[k + 1]};
     double series[1 + DPH_ROWS][DPH_FINE + 1];
     int count[2] = {0, 0};
+    if (!dph_is_positive(&w->b[k], slope))
+        return 0;
     for (int i = 0; i <= DPH_FINE; ++i) {
         double v[3], c[DPH_ROWS][3], offset[DPH_ROWS];
         dph_hermite(&w->b[k], slope, (double)i / DPH_FINE, v);
-        if (!(v[0] > 0.0))
-            return 0;
         v[1] /= width;
         v[2] /= width * width;
         dph_rows_at(&w->bounds, &w->point[k][i], c, offset, count);
