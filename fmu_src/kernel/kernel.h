@@ -313,15 +313,15 @@ typedef struct dph_peaks {
  * Returned: plan, and status OK; the plan is only meaningful then.
  * Fails:    with a verdict, for every finite or not finite input; never crashes, never loops without end.
  * Cost:     the quadratures of two corners; a pose wherever the last one vouches for no more of the path, some ten in the middle of the
- *           workspace: 20 units (see below), 1.6 us on a 3.5 GHz core (comparison: 15 us). paper_limited: the peaks of some hundred plans
- *           besides, 16 000 to 28 000 units. time_optimal: some seven hundred poses, verifications and at most 55 steps of its solver
- *           instead, 3 000 to 10 000 units; where only velocity and acceleration are limited, some 150 poses and at most eight passes over
- *           the path, 150 units. */
+ *           workspace: 15 units (see below), 1.6 us on a 3.5 GHz core (comparison: 15 us). paper_limited: the peaks of some hundred plans
+ *           besides, 8 000 to 16 000 units. time_optimal: some seven hundred poses, verifications and at most 55 steps of its solver
+ *           instead, 2 500 to 7 500 units; where only velocity and acceleration are limited, some 150 poses and at most eight passes over
+ *           the path, 170 units. */
 dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_workspace *workspace, dph_plan *plan);
 
 /* Work is counted in units, not timed, so that slices of it are the same everywhere. A unit is the work of about one point of the path: a
- * pose with its derivatives and what the limits say there, 0.15 to 0.4 us on the machine whose figures the README has. A slice of DPH_SLICE
- * units is what a planner may do in one millisecond beside all else: 0.18 ms there at most (found on 300 random tasks of all laws). A PPO
+ * pose with its derivatives and what the limits say there, 0.2 to 0.45 us on the machine whose figures the README has. A slice of DPH_SLICE
+ * units is what a planner may do in one millisecond beside all else: 0.24 ms there at most (found on 400 random tasks of all laws). A PPO
  * of `paper` or `comparison` takes one slice. */
 enum { DPH_SLICE = 512 };
 
@@ -335,7 +335,7 @@ dph_verdict dph_plan_begin(const dph_robot *robot, const dph_task *task, dph_wor
 
 /* Go on planning for some `units` of work.
  * Returned: status PLANNING while there is more to do; else the verdict of dph_plan_make, and no more calls are due.
- * Cost:     the units, and at most 170 more: work is left at seams only. */
+ * Cost:     the units, and at most 140 more: work is left at seams only. */
 dph_verdict dph_plan_continue(dph_workspace *workspace, dph_plan *plan, int units);
 
 /* The setpoint at a time [s] on the aligned clock, clamped to [0, duration]: before the start the robot rests at the pick point (its phase

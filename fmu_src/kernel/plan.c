@@ -200,7 +200,7 @@ static dph_verdict law_continue(dph_progress *progress, dph_workspace *workspace
         *units -= DPH_CORNER_UNITS;
         return dph_paper_make(plan);
     case DPH_LAW_COMPARISON:
-        *units -= DPH_CORNER_UNITS;
+        *units -= DPH_STROKES_UNITS;
         return dph_superposition_make(plan);
     case DPH_LAW_PAPER_LIMITED:
         return dph_paper_limited_continue(&progress->search, plan, units);

@@ -187,7 +187,7 @@ static void back_to_the_best(dph_workspace *w)
 enum { BEGIN, REACH, LAY, PROFILE, INTERVAL, START, VERIFY, VERIFY_BEST, REPAIR, SOLVE, KEEP };
 
 /* Work [units], measured; all but the first two for each interval. */
-enum { REACH_UNITS = 120, PROFILE_UNITS = 100, INTERVAL_UNITS = 20, START_UNITS = 1, VERIFY_UNITS = 5, REPAIR_UNITS = 1, SOLVE_UNITS = 2 };
+enum { REACH_UNITS = 140, PROFILE_UNITS = 80, INTERVAL_UNITS = 12, START_UNITS = 1, VERIFY_UNITS = 3, REPAIR_UNITS = 1, SOLVE_UNITS = 2 };
 
 static void enter(dph_workspace *w, int stage)
 {

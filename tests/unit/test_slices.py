@@ -94,6 +94,6 @@ def test_a_paper_plan_takes_one_slice() -> None:
     assert in_slices(CASES["paper"], lib.DPH_SLICE)[2] == 1
 
 
-@pytest.mark.parametrize(("law", "least", "most"), [("time_optimal", 4, 20), ("paper_limited", 20, 60)])
+@pytest.mark.parametrize(("law", "least", "most"), [("time_optimal", 4, 15), ("paper_limited", 10, 40)])
 def test_slower_laws_take_several_slices(law: str, least: int, most: int) -> None:
     assert least <= in_slices(CASES[law], lib.DPH_SLICE)[2] <= most
