@@ -265,6 +265,15 @@ class Plan:
         )
         return setpoints
 
+    def joints(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Joint position, velocity, acceleration, (n, 3) [rad, rad/s, rad/s^2] at times (n) on the aligned clock [s]."""
+        time = np.ascontiguousarray(time, dtype=np.float64)
+        joints = np.empty((3, *time.shape, 3))
+        lib.dph_plan_sample_joints(
+            self._struct, len(time), ffi.from_buffer("double[]", time), *(ffi.from_buffer("double[]", part) for part in joints)
+        )
+        return joints[0], joints[1], joints[2]
+
     def grid(self, step_ms: float = 1.0) -> FloatArray:
         """Times from 0 to the end [s], `step_ms` apart; the end is always one of them."""
         return time_grid(self.duration_ms, step_ms)

@@ -99,9 +99,7 @@ class _Job:
         verdict: the loop's: a verdict of the planner, or why there is none.
     """
 
-    def __init__(
-        self, task: Task, inputs: NDArray[np.float64], dwell: float, declared: float, payload: float, stops: int
-    ) -> None:
+    def __init__(self, task: Task, inputs: NDArray[np.float64], dwell: float, declared: float, payload: float, stops: int) -> None:
         self.task = task
         self.inputs = inputs
         self.dwell = dwell
