@@ -74,15 +74,24 @@ def papers_peaks(plan: Plan) -> Limits:
     return Limits(velocity, acceleration, jerk, UNLIMITED, float("inf"))
 
 
-def in_kernel(plan: Plan) -> Callable[[], float]:
-    """What the kernel does for a plan and its setpoints: two calls, arguments at hand; not for the law `time_optimal`."""
+def in_kernel(plan: Plan, *, joints_only: bool = False) -> Callable[[], float]:
+    """What the kernel does for a plan and its setpoints: two calls, arguments at hand; not for the law `time_optimal`.
+
+    Args:
+        plan: with the task that is planned.
+        joints_only: position, velocity and acceleration of the joints instead of whole setpoints.
+    """
     grid = plan.grid()
     setpoints, struct = ffi.new("dph_setpoint[]", len(grid)), ffi.new("dph_plan *")
     task, times = ffi.addressof(plan._struct, "task"), ffi.from_buffer("double[]", grid)
+    joints = [ffi.new("double[]", 3 * len(grid)) for _ in range(3)]
 
     def work() -> float:
         lib.dph_plan_make(plan.robot.struct, task, ffi.NULL, struct)
-        lib.dph_plan_sample_array(struct, len(grid), times, setpoints)
+        if joints_only:
+            lib.dph_plan_sample_joints(struct, len(grid), times, *joints)
+        else:
+            lib.dph_plan_sample_array(struct, len(grid), times, setpoints)
         return float(struct.nominal_duration)
 
     return work
@@ -103,6 +112,7 @@ def _own(scenario: Scenario, limits: Limits) -> list[Contender]:
         Contender("paper: plan", planned(scenario.law, limits)),
         Contender(f"paper: plan and {len(grid)} setpoints with joints and torques", lambda: sampled(len(grid))),
         Contender("paper: the same in the kernel alone", in_kernel(Plan.of(scenario))),
+        Contender("paper: there, joint position, velocity, acceleration only", in_kernel(Plan.of(scenario), joints_only=True)),
         Contender("paper_limited: plan", planned(replace(scenario.law, name="paper_limited"), limits)),
         Contender("time_optimal: velocity, acceleration", planned(optimal, replace(limits, joint_jerk=UNLIMITED))),
         Contender("time_optimal: velocity, acceleration, jerk", planned(optimal, limits)),

@@ -110,6 +110,9 @@ class Plan:
         payload: mass [kg].
         limits: what `paper_limited` and `time_optimal` keep; the other laws have speeds instead.
 
+    Attributes:
+        slices: of DPH_SLICE units that planning took: as many milliseconds as the planner FMU takes.
+
     Raises:
         InfeasibleError: the kernel refuses the task.
     """
@@ -134,7 +137,13 @@ class Plan:
             },
         )
         self._struct = ffi.new("dph_plan *")
-        raise_refusal(lib.dph_plan_make(robot.struct, request, _workspace(), self._struct))
+        self.slices = 0
+        workspace = _workspace()
+        verdict = lib.dph_plan_begin(robot.struct, request, workspace, self._struct)
+        while verdict.status == lib.DPH_STATUS_PLANNING:
+            verdict = lib.dph_plan_continue(workspace, self._struct, lib.DPH_SLICE)
+            self.slices += 1
+        raise_refusal(verdict)
         self.robot = robot
         self.task = task
         self.law = law
@@ -255,6 +264,15 @@ class Plan:
             self._struct, len(time), ffi.from_buffer("double[]", time), ffi.cast("dph_setpoint *", ffi.from_buffer(setpoints))
         )
         return setpoints
+
+    def joints(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Joint position, velocity, acceleration, (n, 3) [rad, rad/s, rad/s^2] at times (n) on the aligned clock [s]."""
+        time = np.ascontiguousarray(time, dtype=np.float64)
+        joints = np.empty((3, *time.shape, 3))
+        lib.dph_plan_sample_joints(
+            self._struct, len(time), ffi.from_buffer("double[]", time), *(ffi.from_buffer("double[]", part) for part in joints)
+        )
+        return joints[0], joints[1], joints[2]
 
     def grid(self, step_ms: float = 1.0) -> FloatArray:
         """Times from 0 to the end [s], `step_ms` apart; the end is always one of them."""

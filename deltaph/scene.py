@@ -36,7 +36,7 @@ def scene_of(scenario: Scenario) -> Scene:
         law=scenario.law.name,
         scenario_json=scenario.json,
         moves=[_move_of(operation, run) for operation in operations],
-        period=run.cycle_time if scenario.parts else None,
+        period=run.period if scenario.parts else None,
         clock=run.clock.at,
         limits=asdict(scenario.limits),
         joint_range=(parameters["robot.joint_position_min"], parameters["robot.joint_position_max"]),
@@ -61,7 +61,7 @@ def served_scene(scenario: Scenario, facts: Mapping[str, Any] | None = None) -> 
     plans = [
         Plan(
             scenario.robot,
-            Task(*(tuple(found[name]) for name in ("pick_m", "place_m", "lift_m", "corner_deviation_m"))),
+            Task(tuple(found["pick_m"]), tuple(found["place_m"]), tuple(found["lift_m"]), tuple(found["corner_deviation_m"])),
             scenario.law,
             found["payload_kg"],
             scenario.limits,
@@ -131,7 +131,7 @@ def _move(plan: Plan, name: str) -> Move:
 
 def _coinciding_joints(plans: Sequence[Plan]) -> tuple[int, ...]:
     """Joints that move alike in every plan, to a nanoradian: their lines cannot be told apart."""
-    positions = np.concatenate([plan.sample(plan.grid())["joint_position"] for plan in plans])
+    positions = np.concatenate([plan.joints(plan.grid())[0] for plan in plans])
     for pair in ((1, 2), (0, 2), (0, 1)):
         if np.allclose(positions[:, pair[0]], positions[:, pair[1]], rtol=0.0, atol=1e-9):
             return pair[0] + 1, pair[1] + 1

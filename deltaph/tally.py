@@ -142,6 +142,7 @@ class Tally:
             "plans": {
                 "accepted": integers.get("plan.count", 0),
                 "refused": integers.get("plan.refused", 0),
+                "cancelled": integers.get("plan.cancelled", 0),
                 "arrived": self.arrived,
                 "corners": self.corners,
                 "corners_kept": self.kept,

@@ -11,7 +11,7 @@ from typing import Any
 
 from deltaph.checks import deviation_tolerance
 from deltaph.fmu.sources import token
-from deltaph.report import WORST, corner_excess, found_text, payload_text, reductions, worst_corner, worst_corners
+from deltaph.report import WORST, corner_excess, found_text, payload_text, plans_text, reductions, worst_corner, worst_corners
 from deltaph.scenario import Scenario
 from deltaph.variables import variable_table
 
@@ -102,7 +102,7 @@ def serving_markdown(scenario: Scenario, facts: Mapping[str, Any]) -> str:
         lines += [f"Worst: {worst_corner(worst)}.", ""]
     lines += [
         f"**{scenario.title}**: served for {facts['steps'] * facts['communication_step_s']:.3f} s, law `{scenario.law.name}`, "
-        f"{scenario.gains} gains. Plans: {plans['accepted']} accepted, {plans['refused']} refused, {plans['arrived']} arrived. "
+        f"{scenario.gains} gains. Plans: {plans_text(plans)}. "
         f"Tracking error at most {1e3 * executed['tracking_error_tcp_max_m']:.3f} mm at the tool.",
         "",
         *_served_corners(facts, tolerance),

@@ -49,6 +49,7 @@ class _Stream:
         order: puts them in order.
         query: number of the query that it waits for, and when to give it up; None where it waits for none.
         newest: last sequence number that was passed on.
+        asked_for_rest: whether it has been asked for what the summary says to be missing at the end.
     """
 
     def __init__(self, subscriber: Subscriber, message: Layout, kept: str) -> None:
@@ -57,6 +58,7 @@ class _Stream:
         self.order = Order(lambda first, last: subscriber._ask(self, first, last))
         self.query: tuple[int, float] | None = None
         self.newest: int | None = None
+        self.asked_for_rest = False
 
 
 class _Answered(NamedTuple):
@@ -178,6 +180,8 @@ class Subscriber:
         """
         end = None if seconds is None else time.monotonic() + seconds
         while end is None or time.monotonic() < end:
+            if self._last:
+                self._ask_for_the_rest()
             asking = [stream for stream in list(self._streams.values()) if stream.query is not None]
             yield from self._give_up(asking)
             if self._gone is not None and self._summary is not None and not asking and self._samples.empty():
@@ -210,9 +214,8 @@ class Subscriber:
             return
         for stream in self._streams.values():
             yield from self._passed_on(stream, stream.order.rest())
-        for stream in self._streams.values():
-            last = self._last.get(stream.layout.key, -1)
-            if stream.newest is not None and stream.newest < last and self._is_newest(stream):
+        for stream, last in self._unfinished():
+            if stream.newest is not None:
                 self.missing[stream.layout.key] += last - stream.newest
                 stream.newest = last
 
@@ -283,8 +286,18 @@ class Subscriber:
         session, _, entity = rest.partition("/")
         return key, session, int(entity.partition("/")[0])
 
-    def _is_newest(self, stream: _Stream) -> bool:
-        return [other for other in self._streams.values() if other.layout is stream.layout][-1] is stream
+    def _ask_for_the_rest(self) -> None:
+        """What was lost at the end shows in the summary alone, as no later message tells of a gap; the cell waits for this."""
+        for stream, _ in self._unfinished():
+            if stream.query is None and not stream.asked_for_rest:
+                stream.asked_for_rest = True
+                stream.order.catch_up()
+
+    def _unfinished(self) -> list[tuple[_Stream, int]]:
+        """The streams whose end is not here, with the number of their last message, which the summary tells."""
+        newest = {stream.layout.key: stream for stream in self._streams.values()}  # of a kind: the last that opened
+        ends = [(stream, self._last.get(name, -1)) for name, stream in newest.items()]
+        return [(stream, last) for stream, last in ends if last > (-1 if stream.newest is None else stream.newest)]
 
     def _ask(self, stream: _Stream, first: int | None, last: int | None) -> None:
         """Ask for messages that a publisher kept; what comes, and that nothing more comes, goes where the messages go."""

@@ -90,7 +90,7 @@ static double length_at(const dph_corner *corner, double gamma)
 {
     double a = corner->u0, b = corner->u2, r = 1.0 - gamma;
     double g3 = gamma * gamma * gamma, g5 = g3 * gamma * gamma;
-    return a * a * (1.0 - r * r * r * r * r) / 5.0 + 2.0 * a * b * (g3 / 3.0 - g3 * gamma / 2.0 + g5 / 5.0) + 2.0 * b * b * g5 / 5.0;
+    return 0.2 * a * a * (1.0 - r * r * r * r * r) + 2.0 * a * b * (g3 * (1.0 / 3.0) - g3 * gamma * 0.5 + g5 * 0.2) + 0.4 * b * b * g5;
 }
 
 double dph_corner_gamma(const dph_corner *corner, double length)
@@ -126,7 +126,7 @@ void dph_corner_frame(const dph_corner *corner, double length, dph_corner_walk *
         /* As in dph_corner_at. Along the curve the tangent is (2uv, u^2 - v^2) / sigma, turning by 2 (u'v - uv') / sigma^2. */
         double r = 1.0 - gamma, r2 = r * r, g2 = gamma * gamma, g3 = g2 * gamma, g5 = g3 * g2;
         double v = b * g2, v1 = 2.0 * b * gamma, u = a * r2 + v, u1 = v1 - 2.0 * a * r;
-        double first = a * a * (1.0 - r2 * r2 * r) * 0.2, mixed = 2.0 * a * b * (g3 / 3.0 - g3 * gamma / 2.0 + g5 * 0.2);
+        double first = a * a * (1.0 - r2 * r2 * r) * 0.2, mixed = 2.0 * a * b * (g3 * (1.0 / 3.0) - g3 * gamma * 0.5 + g5 * 0.2);
         double last = 0.4 * b * b * g5, inverse = 1.0 / (u * u + v * v);
         double step = (length - (first + mixed + last)) * inverse;
         /* Newton's method: a step below 1e-8 leaves an error of about its square. */
@@ -156,9 +156,9 @@ void dph_corner_at(const dph_corner *corner, double gamma, dph_corner_point *poi
 
     /* Integrals of u^2 - v^2, 2uv and u^2 + v^2, in terms that vanish with gamma one by one (eqs. (3), (4)). */
     double g3 = gamma * gamma * gamma, g5 = g3 * gamma * gamma;
-    double first = a * a * (1.0 - r * r * r * r * r) / 5.0;
-    double mixed = 2.0 * a * b * (g3 / 3.0 - g3 * gamma / 2.0 + g5 / 5.0);
-    double last = 2.0 * b * b * g5 / 5.0;
+    double first = 0.2 * a * a * (1.0 - r * r * r * r * r);
+    double mixed = 2.0 * a * b * (g3 * (1.0 / 3.0) - g3 * gamma * 0.5 + g5 * 0.2);
+    double last = 0.4 * b * b * g5;
 
     point->p[0][0] = mixed + last;
     point->p[0][1] = first + mixed;

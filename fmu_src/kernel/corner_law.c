@@ -46,7 +46,7 @@ static double slowness(double gamma, const void *context)
 /* Time from one parameter to another one in the same panel. */
 static double time_between(const dph_corner_law *law, double from, double to)
 {
-    double length = (to - from) / law->pieces, sum = 0.0;
+    double share = 1.0 / law->pieces, length = (to - from) * share, sum = 0.0; /* a power of two: exact, and early */
     for (int piece = 0; piece < law->pieces; ++piece)
         sum += gauss_integral_6(slowness, law, from + length * piece, from + length * (piece + 1));
     return sum;
@@ -87,7 +87,7 @@ static void series_at(const dph_corner_law *law, double gamma, double series[3])
     double g2 = (v2 - 2.0 * g1 * sigma[1] - g * sigma[2]) * inverse;
     series[0] = g;
     series[1] = g * g1 / 2.0;
-    series[2] = g * (g2 * g + g1 * g1) / 6.0;
+    series[2] = g * (g2 * g + g1 * g1) * (1.0 / 6.0);
 }
 
 static inline double after(double gamma, const double series[3], double time)
@@ -134,7 +134,7 @@ static int invert(const dph_corner_law *law, double time, double *gamma)
         else
             high = middle;
     }
-    double left = law->gamma[low], right = law->gamma[high], piece = (right - left) / law->pieces, before;
+    double left = law->gamma[low], right = law->gamma[high], before;
     int nearest = time - law->time[low] < law->time[high] - time ? low : high;
     double from = law->gamma[nearest], since = time - law->time[nearest], next = after(from, law->series[nearest], since), series[3];
 
@@ -144,7 +144,7 @@ static int invert(const dph_corner_law *law, double time, double *gamma)
         before = next < left ? left : next > right ? right : next; /* t(gamma) increases: beyond the panel is too far */
         series_at(law, before, series);
         next = after(before, series, since - time_between(law, from, before));
-    } while (++step < 20 && fabs(next - before) > 1e-3 * piece);
+    } while (++step < 20 && fabs(next - before) * law->pieces > 1e-3 * (right - left));
     *gamma = next;
     return step;
 }
@@ -177,9 +177,9 @@ void dph_corner_motion(const dph_corner *corner, double gamma, const double spee
     dph_corner_at(corner, gamma, &point);
 
     /* g = v / sigma = dgamma/dt (eq. (17)) and its derivatives by gamma, from v = g sigma. */
-    double g = speed[0] / point.sigma[0];
-    double g1 = (speed[1] - g * point.sigma[1]) / point.sigma[0];
-    double g2 = (speed[2] - 2.0 * g1 * point.sigma[1] - g * point.sigma[2]) / point.sigma[0];
+    double inverse = 1.0 / point.sigma[0], g = speed[0] * inverse;
+    double g1 = (speed[1] - g * point.sigma[1]) * inverse;
+    double g2 = (speed[2] - 2.0 * g1 * point.sigma[1] - g * point.sigma[2]) * inverse;
 
     /* Time derivatives of gamma, then of the position by the chain rule. */
     double d1 = g, d2 = g1 * g, d3 = g2 * g * g + g1 * g1 * g;

@@ -17,12 +17,12 @@ typedef struct dph_arm {
     double elbow[3], elbow_d[3], elbow_dd[3]; /* E, E' = -La (u sin + k cos), E'' = -La (u cos - k sin) [m] */
 } dph_arm;
 
-/* Arm i in its own vertical plane, whose axes are u_i (outwards) and k (up), and beside it. The platform joint lies at (x, z) from the
- * shoulder, y beside the plane; `along` the upper arm and `across` it, below, are x cos - z sin and -(x sin + z cos). With them
- * s . E' = La across, s . E'' = La (La - along). */
+/* Arm i in its own vertical plane, whose axes are u_i (outwards) and k (up). The platform joint lies at (x, z) from the shoulder; `along` the
+ * upper arm and `across` it, below, are x cos - z sin and -(x sin + z cos). With them s . E' = La across, s . E'' = La (La - along). */
 typedef struct dph_limb {
-    double cosine, sine; /* of theta */
-    double x, y, z, along, across; /* [m] */
+    double cosine, sine;  /* of theta */
+    double along, across; /* [m] */
+    double s[3];          /* forearm vector in the base frame [m] */
 } dph_limb;
 
 /* The three arms at one point, without the angles themselves. */
@@ -31,7 +31,7 @@ typedef struct dph_pose {
     dph_limb limb[3];
 } dph_pose;
 
-/* The pose at a point (3) [m]. Fails: as dph_inverse_kinematics. Cost: three square roots, six divisions. */
+/* The pose at a point (3) [m]. Fails: as dph_inverse_kinematics. Cost: three square roots, four divisions. */
 dph_verdict dph_pose_at(const dph_robot *robot, const double point[3], dph_pose *pose);
 
 /* The pose of joint angles (3) [rad] and the point that belongs to them. Cost: six trigonometric functions. */
@@ -40,15 +40,15 @@ void dph_pose_from(const dph_robot *robot, const double theta[3], const double p
 /* The joint angles of a pose (3) [rad]. Cost: polynomials. */
 void dph_pose_angles(const dph_pose *pose, double theta[3]);
 
-/* The forearm vectors s_i of a pose in the base frame [m]. */
-void dph_pose_forearms(const dph_pose *pose, double s[3][3]);
-
 /* The two kinds of dexterity apart: |s_i . E'_i| / (La l) of each joint, |det A| / l^3. */
 void dph_pose_dexterities(const dph_robot *robot, const dph_pose *pose, double aligned[3], double *coplanar);
 
 /* As dph_joint_motion and dph_inverse_dynamics, from a pose: no trigonometric function. */
 void dph_pose_motion(const dph_pose *pose, const double velocity[3], const double acceleration[3], const double jerk[3],
                      double joint_velocity[3], double joint_acceleration[3], double joint_jerk[3]);
+/* The first two of it. */
+void dph_pose_acceleration(const dph_pose *pose, const double velocity[3], const double acceleration[3], double joint_velocity[3],
+                           double joint_acceleration[3]);
 void dph_pose_dynamics(const dph_robot *robot, const dph_pose *pose, double payload, dph_motion *motion);
 
 /* What planning asks of a point: first two derivatives of the joints that go with those of the point by any parameter (q'[3], q''[3]),

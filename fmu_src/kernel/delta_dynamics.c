@@ -55,7 +55,7 @@ static void multipliers(const dph_inverse *inverse, const double platform_force[
 void dph_pose_dynamics(const dph_robot *robot, const dph_pose *pose, double payload, dph_motion *motion)
 {
     Inertia m = inertia_of(robot, payload);
-    double coupling = m.coupling * pose->upper, s[3][3], normal[3][3], carried[3];
+    double coupling = m.coupling * pose->upper, normal[3][3], carried[3];
     double p0 = motion->point_dd[0], p1 = motion->point_dd[1], p2 = motion->point_dd[2];
     double f0 = m.platform * p0 - motion->force[0], f1 = m.platform * p1 - motion->force[1];
     double f2 = m.platform * p2 + m.platform_weight - motion->force[2];
@@ -72,11 +72,11 @@ void dph_pose_dynamics(const dph_robot *robot, const dph_pose *pose, double payl
     }
 
     /* lambda from the platform rows A^T lambda = -f, by Cramer's rule. */
-    dph_pose_forearms(pose, s);
-    cross(s[1], s[2], normal[0]);
-    cross(s[2], s[0], normal[1]);
-    cross(s[0], s[1], normal[2]);
-    double scale = -1.0 / dot(s[0], normal[0]);
+    const double *s0 = pose->limb[0].s, *s1 = pose->limb[1].s, *s2 = pose->limb[2].s;
+    cross(s1, s2, normal[0]);
+    cross(s2, s0, normal[1]);
+    cross(s0, s1, normal[2]);
+    double scale = -1.0 / dot(s0, normal[0]);
     for (int i = 0; i < 3; ++i) {
         const dph_limb *limb = &pose->limb[i];
         motion->lambda[i] = scale * (normal[i][0] * f0 + normal[i][1] * f1 + normal[i][2] * f2);

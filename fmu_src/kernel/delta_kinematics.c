@@ -62,22 +62,24 @@ static dph_verdict unreachable(int i, double required, double available)
     return dph_refuse(DPH_STATUS_UNREACHABLE, DPH_PHASE_IDLE, i + 1, required, available);
 }
 
-/* Of joint i, where the platform joint is in the frame of its arm. */
-static void limb_from(const dph_robot *robot, int i, const double point[3], dph_limb *limb)
+/* Where the platform joint of arm i is, from its shoulder: outwards, beside, up [m]. */
+static inline void joint_at(const dph_robot *robot, int i, const double point[3], double joint[3])
 {
     const double *u = arm_direction[i];
-    limb->x = point[0] * u[0] + point[1] * u[1] + robot->platform_radius - robot->base_radius;
-    limb->y = point[1] * u[0] - point[0] * u[1];
-    limb->z = point[2];
+    joint[0] = point[0] * u[0] + point[1] * u[1] + robot->platform_radius - robot->base_radius;
+    joint[1] = point[1] * u[0] - point[0] * u[1];
+    joint[2] = point[2];
 }
 
-/* Does a limb reach: is the distance from shoulder to platform joint in the arm's plane within its bounds? */
-static dph_verdict limb_check(const dph_robot *robot, int i, const dph_limb *limb)
+/* Does arm i reach: is the distance from shoulder to platform joint in the arm's plane within its bounds? */
+static dph_verdict reach_check(const dph_robot *robot, int i, const double point[3])
 {
-    double upper = robot->upper_arm_length, forearm = robot->forearm_length, y = limb->y;
+    double upper = robot->upper_arm_length, forearm = robot->forearm_length, joint[3];
+    joint_at(robot, i, point, joint);
+    double y = joint[1];
     if (!(fabs(y) <= forearm)) /* the forearm cannot even lean that far */
         return unreachable(i, fabs(y), forearm);
-    double plane = sqrt(limb->x * limb->x + limb->z * limb->z), lean = sqrt((forearm - y) * (forearm + y));
+    double plane = sqrt(joint[0] * joint[0] + joint[2] * joint[2]), lean = sqrt((forearm - y) * (forearm + y));
     if (!(plane <= upper + lean))
         return unreachable(i, plane, upper + lean);
     if (!(plane >= fabs(upper - lean)))
@@ -85,32 +87,45 @@ static dph_verdict limb_check(const dph_robot *robot, int i, const dph_limb *lim
     return dph_accept();
 }
 
-/* One joint. The closure x cos - z sin = K := (x^2 + z^2 + La^2 + y^2 - l^2) / (2 La) has two solutions; with the minus branch, the
- * smaller angle, the elbow is outwards. They are real where K^2 <= x^2 + z^2, which is within the bounds of limb_check. Returned: are they? */
-static inline int limb_at(const dph_robot *robot, int i, const double point[3], dph_limb *limb)
+/* What follows from cos, sin and the platform joint: the forearm in the base frame. */
+static inline void lay_forearm(int i, const double joint[3], double upper, dph_limb *limb)
 {
-    limb_from(robot, i, point, limb);
-    double upper = robot->upper_arm_length, forearm = robot->forearm_length, x = limb->x, y = limb->y, z = limb->z;
-    double plane2 = x * x + z * z, lean2 = (forearm - y) * (forearm + y);
-    double k = (plane2 + upper * upper - lean2) / (2.0 * upper), root2 = plane2 - k * k;
+    const double *u = arm_direction[i];
+    double out = joint[0] - upper * limb->cosine;
+    limb->s[0] = out * u[0] - joint[1] * u[1];
+    limb->s[1] = out * u[1] + joint[1] * u[0];
+    limb->s[2] = joint[2] + upper * limb->sine;
+}
+
+/* One joint; inverse_upper is 1 / La. The closure x cos - z sin = K := (x^2 + z^2 + La^2 + y^2 - l^2) / (2 La) has two solutions; with the
+ * minus branch, the smaller angle, the elbow is outwards. They are real where K^2 <= x^2 + z^2, which is within the bounds of reach_check.
+ * Returned: are they? */
+static inline int limb_at(const dph_robot *robot, int i, const double point[3], double inverse_upper, dph_limb *limb)
+{
+    double upper = robot->upper_arm_length, forearm = robot->forearm_length, joint[3];
+    joint_at(robot, i, point, joint);
+    double x = joint[0], y = joint[1], z = joint[2], plane2 = x * x + z * z, lean2 = (forearm - y) * (forearm + y);
+    double k = 0.5 * inverse_upper * (plane2 + upper * upper - lean2), root2 = plane2 - k * k;
     int is_real = root2 >= 0.0 && lean2 >= 0.0;
     double root = is_real ? sqrt(root2) : 0.0;
     /* A platform joint on its shoulder leaves the angle open: as atan2 has it, 0. */
     double scale = plane2 > 0.0 ? 1.0 / plane2 : 0.0;
     limb->cosine = plane2 > 0.0 ? scale * (x * k - z * root) : 1.0;
-    limb->sine = scale * (-z * k - x * root);
+    limb->sine = -scale * (z * k + x * root);
     limb->along = k;
     limb->across = root;
+    lay_forearm(i, joint, upper, limb);
     return is_real;
 }
 
 dph_verdict dph_pose_at(const dph_robot *robot, const double point[3], dph_pose *pose)
 {
+    double inverse_upper = 1.0 / robot->upper_arm_length;
     pose->upper = robot->upper_arm_length;
     for (int i = 0; i < 3; ++i) {
-        if (limb_at(robot, i, point, &pose->limb[i]))
+        if (limb_at(robot, i, point, inverse_upper, &pose->limb[i]))
             continue;
-        dph_verdict verdict = limb_check(robot, i, &pose->limb[i]); /* within its bounds it is at one of them, but for rounding */
+        dph_verdict verdict = reach_check(robot, i, point); /* within its bounds it is at one of them, but for rounding */
         if (verdict.status != DPH_STATUS_OK)
             return verdict;
     }
@@ -122,11 +137,13 @@ void dph_pose_from(const dph_robot *robot, const double theta[3], const double p
     pose->upper = robot->upper_arm_length;
     for (int i = 0; i < 3; ++i) {
         dph_limb *limb = &pose->limb[i];
-        limb_from(robot, i, point, limb);
+        double joint[3];
+        joint_at(robot, i, point, joint);
         limb->cosine = cos(theta[i]);
         limb->sine = sin(theta[i]);
-        limb->along = limb->x * limb->cosine - limb->z * limb->sine;
-        limb->across = -(limb->x * limb->sine + limb->z * limb->cosine);
+        limb->along = joint[0] * limb->cosine - joint[2] * limb->sine;
+        limb->across = -(joint[0] * limb->sine + joint[2] * limb->cosine);
+        lay_forearm(i, joint, pose->upper, limb);
     }
 }
 
@@ -165,18 +182,6 @@ void dph_pose_angles(const dph_pose *pose, double theta[3])
         theta[i] = angle_of(pose->limb[i].cosine, pose->limb[i].sine);
 }
 
-void dph_pose_forearms(const dph_pose *pose, double s[3][3])
-{
-    for (int i = 0; i < 3; ++i) {
-        const dph_limb *limb = &pose->limb[i];
-        const double *u = arm_direction[i];
-        double out = limb->x - pose->upper * limb->cosine;
-        s[i][0] = out * u[0] - limb->y * u[1];
-        s[i][1] = out * u[1] + limb->y * u[0];
-        s[i][2] = limb->z + pose->upper * limb->sine;
-    }
-}
-
 dph_verdict dph_inverse_kinematics(const dph_robot *robot, const double point[3], double theta[3])
 {
     dph_pose pose;
@@ -196,12 +201,11 @@ int dph_forward_kinematics(const dph_robot *robot, const double theta[3], double
 
 void dph_pose_dexterities(const dph_robot *robot, const dph_pose *pose, double aligned[3], double *coplanar)
 {
-    double s[3][3], normal[3], forearm = robot->forearm_length;
+    double normal[3], forearm = robot->forearm_length;
     for (int i = 0; i < 3; ++i)
         aligned[i] = fabs(pose->limb[i].across) / forearm;
-    dph_pose_forearms(pose, s);
-    cross(s[1], s[2], normal);
-    *coplanar = fabs(dot(s[0], normal)) / (forearm * forearm * forearm);
+    cross(pose->limb[1].s, pose->limb[2].s, normal);
+    *coplanar = fabs(dot(pose->limb[0].s, normal)) / (forearm * forearm * forearm);
 }
 
 double dph_dexterity(const dph_robot *robot, const double theta[3], const double point[3])
@@ -236,38 +240,47 @@ void dph_elbows(const dph_robot *robot, int n, const double *theta, double *elbo
     }
 }
 
-/* A vector of the base frame in the frame of arm i: outwards, beside, up. */
-static inline void turn(int i, const double a[3], double b[3])
+/* Without the jerk where that is NULL. */
+static inline void motion_at(const dph_pose *pose, const double velocity[3], const double acceleration[3], const double *jerk,
+                             double joint_velocity[3], double joint_acceleration[3], double *joint_jerk)
 {
-    const double *u = arm_direction[i];
-    b[0] = a[0] * u[0] + a[1] * u[1];
-    b[1] = a[1] * u[0] - a[0] * u[1];
-    b[2] = a[2];
+    double upper = pose->upper, upper2 = upper * upper, p11 = dot(velocity, velocity), p12 = dot(velocity, acceleration);
+    for (int i = 0; i < 3; ++i) {
+        const dph_limb *limb = &pose->limb[i];
+        const double *u = arm_direction[i], *s = limb->s;
+        double inverse = 1.0 / (upper * limb->across), e = upper * (upper - limb->along);
+        double across1 = velocity[0] * u[0] + velocity[1] * u[1], across2 = acceleration[0] * u[0] + acceleration[1] * u[1];
+        /* E' . p' = -v1, E'' . p' = -n1, E' . p'' = -v2 */
+        double v1 = upper * (limb->sine * across1 + limb->cosine * velocity[2]);
+        double n1 = upper * (limb->cosine * across1 - limb->sine * velocity[2]);
+        double v2 = upper * (limb->sine * across2 + limb->cosine * acceleration[2]);
+
+        /* phi' = s . (p' - E' w) = 0 */
+        double w = dot(s, velocity) * inverse;
+        /* phi'' = |s'|^2 + s . (p'' - E' a - E'' w^2) = 0, s' = p' - E' w */
+        double s11 = p11 + w * (2.0 * v1 + upper2 * w);
+        double a = (s11 + dot(s, acceleration) - e * w * w) * inverse;
+        joint_velocity[i] = w;
+        joint_acceleration[i] = a;
+        if (!jerk)
+            continue;
+
+        /* phi''' = 3 s' . s'' + s . (p''' - E' j - 3 E'' w a + E' w^3) = 0, s'' = p'' - E' a - E'' w^2, since E''' = -E' */
+        double s12 = p12 + a * v1 + w * (v2 + w * n1 + upper2 * a);
+        joint_jerk[i] = (3.0 * (s12 - e * w * a) + dot(s, jerk)) * inverse + w * w * w;
+    }
 }
 
 void dph_pose_motion(const dph_pose *pose, const double velocity[3], const double acceleration[3], const double jerk[3],
                      double joint_velocity[3], double joint_acceleration[3], double joint_jerk[3])
 {
-    for (int i = 0; i < 3; ++i) {
-        const dph_limb *limb = &pose->limb[i];
-        double out = pose->upper * limb->cosine, down = pose->upper * limb->sine; /* E' = (-down, 0, -out), E'' = (-out, 0, down) */
-        double s[3] = {limb->x - out, limb->y, limb->z + down}, p1[3], p2[3], p3[3];
-        double inverse = 1.0 / (pose->upper * limb->across), e = pose->upper * (pose->upper - limb->along);
-        turn(i, velocity, p1);
-        turn(i, acceleration, p2);
-        turn(i, jerk, p3);
+    motion_at(pose, velocity, acceleration, jerk, joint_velocity, joint_acceleration, joint_jerk);
+}
 
-        /* phi' = s . (p' - E' w) = 0 */
-        double w = dot(s, p1) * inverse, w2 = w * w;
-        /* phi'' = |s'|^2 + s . (p'' - E' a - E'' w^2) = 0 */
-        double s1[3] = {p1[0] + down * w, p1[1], p1[2] + out * w};
-        double a = (dot(s1, s1) + dot(s, p2) - e * w2) * inverse;
-        /* phi''' = 3 s' . s'' + s . (p''' - E' j - 3 E'' w a + E' w^3) = 0, since E''' = -E' */
-        double s2[3] = {p2[0] + down * a + out * w2, p2[1], p2[2] + out * a - down * w2};
-        joint_jerk[i] = (3.0 * dot(s1, s2) + dot(s, p3) - 3.0 * e * w * a) * inverse + w2 * w;
-        joint_acceleration[i] = a;
-        joint_velocity[i] = w;
-    }
+void dph_pose_acceleration(const dph_pose *pose, const double velocity[3], const double acceleration[3], double joint_velocity[3],
+                           double joint_acceleration[3])
+{
+    motion_at(pose, velocity, acceleration, NULL, joint_velocity, joint_acceleration, NULL);
 }
 
 int dph_rates_at(const dph_robot *robot, const double point[3], const double first[3], const double second[3], dph_rates *rates)

@@ -28,6 +28,25 @@ void dph_hermite(const double value[2], const double slope[2], double u, double 
     b[2] = 6.0 * rise * (1.0 - 2.0 * u) + slope[0] * (6.0 * u - 4.0) + slope[1] * (6.0 * u - 2.0);
 }
 
+int dph_is_positive(const double value[2], const double slope[2])
+{
+    double scale = value[0] + value[1] + fabs(slope[0]) + fabs(slope[1]);
+    if (!(value[0] > 0.0 && value[1] > 0.0 && scale < HUGE_VAL))
+        return 0;
+    if (value[0] + slope[0] / 3.0 > 0.0 && value[1] - slope[1] / 3.0 > 0.0) /* Bezier's control points: the cubic is among them */
+        return 1;
+    /* b' = slope[0] + 2 c u + 3 d u^2; b has its only minimum where b' rises. Of its value some 1e-15 of the scale may be rounding. */
+    double rise = value[1] - value[0], c = 3.0 * rise - 2.0 * slope[0] - slope[1], d = slope[0] + slope[1] - 2.0 * rise;
+    double root2 = c * c - 3.0 * d * slope[0], b[3];
+    if (root2 <= 0.0)
+        return 1; /* nowhere between its ends */
+    double root = sqrt(root2), u = c > 0.0 ? -slope[0] / (c + root) : (root - c) / (3.0 * d);
+    if (!(u > 0.0 && u < 1.0))
+        return 1;
+    dph_hermite(value, slope, u, b);
+    return b[0] > 1e-14 * scale;
+}
+
 /* b, db/du, d2b/du2 at a node from four unknowns of its interval, slopes by u. */
 static inline void node_value(const double basis[3][4], const double y[4], double v[3])
 {

@@ -35,7 +35,8 @@ typedef enum dph_status {
     DPH_STATUS_NOT_AT_PICK,
     DPH_STATUS_LIMIT_EXCEEDED,
     DPH_STATUS_NO_LIMIT,
-    DPH_STATUS_PLANNING
+    DPH_STATUS_PLANNING,
+    DPH_STATUS_CANCELLED
 } dph_status;
 
 /* Phases of a PPO, numbered as Phase in ../planner/variables.toml. */
@@ -90,7 +91,7 @@ dph_verdict dph_robot_check(const dph_robot *robot);
  * Returned: theta (3) [rad].
  * Fails:    UNREACHABLE with the joint, and the distance shoulder to platform joint in the arm's plane against its bound; theta then
  *           keeps its value.
- * Cost:     three square roots, six divisions; no trigonometric function. */
+ * Cost:     three square roots, four divisions; no trigonometric function. */
 dph_verdict dph_inverse_kinematics(const dph_robot *robot, const double point[3], double theta[3]);
 
 /* Forward kinematics: the lower intersection of the three forearm spheres.
@@ -313,15 +314,15 @@ typedef struct dph_peaks {
  * Returned: plan, and status OK; the plan is only meaningful then.
  * Fails:    with a verdict, for every finite or not finite input; never crashes, never loops without end.
  * Cost:     the quadratures of two corners; a pose wherever the last one vouches for no more of the path, some ten in the middle of the
- *           workspace: 20 units (see below), 1.6 us on a 3.5 GHz core (comparison: 15 us). paper_limited: the peaks of some hundred plans
- *           besides, 16 000 to 28 000 units. time_optimal: some seven hundred poses, verifications and at most 55 steps of its solver
- *           instead, 3 000 to 10 000 units; where only velocity and acceleration are limited, some 150 poses and at most eight passes over
- *           the path, 150 units. */
+ *           workspace: 15 units (see below), 1.6 us on a 3.5 GHz core (comparison: 15 us). paper_limited: the peaks of some hundred plans
+ *           besides, 8 000 to 16 000 units. time_optimal: some seven hundred poses, verifications and at most 55 steps of its solver
+ *           instead, 2 500 to 7 500 units; where only velocity and acceleration are limited, some 150 poses and at most eight passes over
+ *           the path, 170 units. */
 dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_workspace *workspace, dph_plan *plan);
 
 /* Work is counted in units, not timed, so that slices of it are the same everywhere. A unit is the work of about one point of the path: a
- * pose with its derivatives and what the limits say there, 0.15 to 0.4 us on the machine whose figures the README has. A slice of DPH_SLICE
- * units is what a planner may do in one millisecond beside all else: 0.18 ms there at most (found on 300 random tasks of all laws). A PPO
+ * pose with its derivatives and what the limits say there, 0.2 to 0.45 us on the machine whose figures the README has. A slice of DPH_SLICE
+ * units is what a planner may do in one millisecond beside all else: 0.24 ms there at most (found on 400 random tasks of all laws). A PPO
  * of `paper` or `comparison` takes one slice. */
 enum { DPH_SLICE = 512 };
 
@@ -335,17 +336,22 @@ dph_verdict dph_plan_begin(const dph_robot *robot, const dph_task *task, dph_wor
 
 /* Go on planning for some `units` of work.
  * Returned: status PLANNING while there is more to do; else the verdict of dph_plan_make, and no more calls are due.
- * Cost:     the units, and at most 170 more: work is left at seams only. */
+ * Cost:     the units, and at most 140 more: work is left at seams only. */
 dph_verdict dph_plan_continue(dph_workspace *workspace, dph_plan *plan, int units);
 
 /* The setpoint at a time [s] on the aligned clock, clamped to [0, duration]: before the start the robot rests at the pick point (its phase
  * is dwell from -dwell_ms on), from the end on at the place point, exactly.
- * Cost: one corner law inversion, one inverse kinematics and dynamics: 0.17 us on a 3.5 GHz core with the paper's law; an eighth of it is
- * for the torques. The other laws take quadratures of their own: time_optimal 0.5 us, comparison 1.3 us. */
+ * Cost: one corner law inversion, one inverse kinematics and dynamics: 0.16 us on a 3.5 GHz core with the paper's law. The other
+ * laws take quadratures of their own: time_optimal 0.5 us, comparison 1.3 us. */
 void dph_plan_sample(const dph_plan *plan, double time, dph_setpoint *setpoint);
 
 /* The same for n times. */
 void dph_plan_sample_array(const dph_plan *plan, int n, const double *time, dph_setpoint *setpoint);
+
+/* Joints alone at n times, with the bits of dph_plan_sample.
+ * Returned: position, velocity, acceleration (n, 3) [rad, rad/s, rad/s^2].
+ * Cost:     three quarters of dph_plan_sample_array with the paper's law. */
+void dph_plan_sample_joints(const dph_plan *plan, int n, const double *time, double *position, double *velocity, double *acceleration);
 
 /* The setpoint under a path-speed override: the plan's own clock runs at a rate r(t), and `time` is where it stands.
  * Given:    rate: r, dr/dt, d2r/dt2 [1, 1/s, 1/s^2]. With r = 1 at rest the result is that of dph_plan_sample, to the bit.

@@ -32,8 +32,8 @@ dph_verdict dph_time_optimal_continue(dph_workspace *workspace, dph_plan *plan, 
 /* The motion part of dph_paper_make, on a path that is laid. */
 void dph_paper_move(dph_plan *plan);
 
-/* Work of laying a path and its corners' quadratures [units]. */
-enum { DPH_CORNER_UNITS = 10 };
+/* Work of laying a path and its corners' quadratures, and of the comparison's strokes [units]. */
+enum { DPH_CORNER_UNITS = 5, DPH_STROKES_UNITS = 45 };
 
 /* The motion at nominal time t within a piece, one-sided at its boundaries. */
 void dph_paper_at(const dph_plan *plan, int piece, double t, dph_planar *motion);

@@ -119,11 +119,11 @@ static double try_shape(dph_search *search, dph_plan *plan, const double shape[2
 /* What comes next; SETTLING and PEAKS for the given shape, then for the best one. */
 enum { SEARCH_BEGINS, SEARCHING, SETTLING, PEAKS };
 
-/* Work of a candidate [units], measured: a setpoint for each sample, and half as much again where there are torques. */
+/* Work of a candidate [units], measured: half a unit for each sample, and as much again where there are torques. */
 static int try_units(const dph_search *search)
 {
     enum { SETPOINTS = 6 * (SAMPLES + 1) };
-    return DPH_CORNER_UNITS + (search->bounds.has_torque ? 3 * SETPOINTS / 2 : SETPOINTS);
+    return DPH_CORNER_UNITS + (search->bounds.has_torque ? SETPOINTS : SETPOINTS / 2);
 }
 
 /* Candidates: the given shape, the grid, then eight around the best one for each halving. The grid has one column more: without any change

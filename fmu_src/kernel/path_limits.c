@@ -119,7 +119,7 @@ static dph_verdict gravity_check(const dph_plan *plan, const dph_bounds *bounds)
 }
 
 /* Work [units]. */
-enum { MAKE_UNITS = 50, GRAVITY_UNITS = 100 };
+enum { MAKE_UNITS = 30, GRAVITY_UNITS = 90 };
 
 dph_verdict dph_path_begin(dph_plan *plan, dph_bounds *bounds, dph_laying *laying, int *units)
 {
@@ -137,7 +137,7 @@ dph_verdict dph_path_lay(dph_plan *plan, dph_bounds *bounds, dph_laying *laying,
     if (verdict.status == DPH_STATUS_OK)
         verdict = dph_path_check(plan, &laying->cursor, units);
     if (verdict.status == DPH_STATUS_OK) {
-        *units -= GRAVITY_UNITS;
+        *units -= bounds->has_torque ? GRAVITY_UNITS : 0;
         verdict = gravity_check(plan, bounds);
     }
     return verdict;

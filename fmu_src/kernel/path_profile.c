@@ -232,11 +232,11 @@ double dph_profile_fit(dph_workspace *w)
     double inverse = 0.0, time = 0.0; /* 1 / greatest factor */
     for (int k = 0; k < w->intervals; ++k) {
         double width = w->knot[k + 1] - w->knot[k], slope[2] = {width * w->slope[k], width * w->slope[k + 1]}, v[3];
+        if (!dph_is_positive(&w->b[k], slope))
+            return HUGE_VAL;
         for (int j = 0; j < DPH_NODES; ++j) {
             const dph_node *node = &w->node[k][j];
             dph_hermite(&w->b[k], slope, 0.25 * j, v);
-            if (!(v[0] > 0.0))
-                return HUGE_VAL;
             double root = sqrt(v[0]);
             time += node->weight / root;
             inverse = inverse > node->cap * v[0] ? inverse : node->cap * v[0];

@@ -56,8 +56,8 @@ static double refine(const dph_plan *plan, int piece, int channel, double low, d
     return fmax(best, fmax(at_left, at_right));
 }
 
-/* Work of a scan and of refine() [units]: a unit per setpoint. */
-enum { SCAN_UNITS = DPH_SCAN, REFINE_UNITS = 42 };
+/* Work of a scan and of refine() [units]: half a unit per setpoint. */
+enum { SCAN_UNITS = DPH_SCAN / 2, REFINE_UNITS = 21 };
 
 static void scan(const dph_plan *plan, dph_peak_search *s, double begin, double step)
 {

@@ -119,8 +119,11 @@ static inline void in_space(double horizontal, double vertical, double c, double
     vector[2] = vertical;
 }
 
+/* How much of a setpoint is asked for: joint position, velocity and acceleration, or all of it. */
+typedef enum Extent { JOINTS, WHOLE } Extent;
+
 /* The tcp part of a setpoint. */
-static void tcp_at(const dph_plan *plan, int piece, double time, dph_setpoint *setpoint)
+static inline void tcp_at(const dph_plan *plan, int piece, double time, Extent extent, dph_setpoint *setpoint)
 {
     double factor = plan->speed_factor, nominal = factor * time;
     double begin = plan->boundary[piece], end = plan->boundary[piece + 1];
@@ -134,6 +137,8 @@ static void tcp_at(const dph_plan *plan, int piece, double time, dph_setpoint *s
     setpoint->tcp_position[2] = origin[2] + motion.d[0][1];
     in_space(factor * motion.d[1][0], factor * motion.d[1][1], c, s, setpoint->tcp_velocity);
     in_space(factor2 * motion.d[2][0], factor2 * motion.d[2][1], c, s, setpoint->tcp_acceleration);
+    if (extent == JOINTS)
+        return;
     in_space(factor3 * motion.d[3][0], factor3 * motion.d[3][1], c, s, setpoint->tcp_jerk);
     setpoint->arc_length = motion.arc_length;
     setpoint->length = plan->length;
@@ -142,18 +147,23 @@ static void tcp_at(const dph_plan *plan, int piece, double time, dph_setpoint *s
 }
 
 /* The joint part of a setpoint from its tcp part. */
-static dph_verdict joints_at(const dph_robot *robot, double payload, dph_setpoint *setpoint)
+static inline dph_verdict joints_at(const dph_robot *robot, double payload, Extent extent, dph_setpoint *setpoint)
 {
     dph_pose pose;
-    dph_motion motion = {.force = {0.0}};
     dph_verdict verdict = dph_pose_at(robot, setpoint->tcp_position, &pose);
     if (verdict.status != DPH_STATUS_OK)
         return verdict;
+    dph_pose_angles(&pose, setpoint->joint_position);
+    if (extent == JOINTS) {
+        dph_pose_acceleration(&pose, setpoint->tcp_velocity, setpoint->tcp_acceleration, setpoint->joint_velocity,
+                              setpoint->joint_acceleration);
+        return verdict;
+    }
+    dph_motion motion = {.force = {0.0}};
     dph_pose_motion(&pose, setpoint->tcp_velocity, setpoint->tcp_acceleration, setpoint->tcp_jerk, motion.theta_d, motion.theta_dd,
                     setpoint->joint_jerk);
     memcpy(motion.point_dd, setpoint->tcp_acceleration, sizeof motion.point_dd);
     dph_pose_dynamics(robot, &pose, payload, &motion);
-    dph_pose_angles(&pose, setpoint->joint_position);
     memcpy(setpoint->joint_velocity, motion.theta_d, sizeof motion.theta_d);
     memcpy(setpoint->joint_acceleration, motion.theta_dd, sizeof motion.theta_dd);
     memcpy(setpoint->joint_torque, motion.torque, sizeof motion.torque);
@@ -190,7 +200,7 @@ static dph_verdict law_continue(dph_progress *progress, dph_workspace *workspace
         *units -= DPH_CORNER_UNITS;
         return dph_paper_make(plan);
     case DPH_LAW_COMPARISON:
-        *units -= DPH_CORNER_UNITS;
+        *units -= DPH_STROKES_UNITS;
         return dph_superposition_make(plan);
     case DPH_LAW_PAPER_LIMITED:
         return dph_paper_limited_continue(&progress->search, plan, units);
@@ -238,20 +248,26 @@ dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_work
     return verdict;
 }
 
-void dph_plan_sample_piece(const dph_plan *plan, int piece, double time, dph_setpoint *setpoint)
+static inline void sample_piece(const dph_plan *plan, int piece, double time, Extent extent, dph_setpoint *setpoint)
 {
-    tcp_at(plan, piece, time, setpoint);
-    (void)joints_at(&plan->robot, plan->task.payload, setpoint); /* cannot fail: the path is checked */
+    tcp_at(plan, piece, time, extent, setpoint);
+    (void)joints_at(&plan->robot, plan->task.payload, extent, setpoint); /* cannot fail: the path is checked */
 }
 
-void dph_plan_sample(const dph_plan *plan, double time, dph_setpoint *setpoint)
+void dph_plan_sample_piece(const dph_plan *plan, int piece, double time, dph_setpoint *setpoint)
+{
+    sample_piece(plan, piece, time, WHOLE, setpoint);
+}
+
+static inline void sample(const dph_plan *plan, double time, Extent extent, dph_setpoint *setpoint)
 {
     if (time >= 0.0 && time < plan->duration) {
+        double nominal = plan->speed_factor * time, end = plan->boundary[plan->pieces];
         int piece = 0;
         /* Phases that this path does not have are passed over, also at the end. */
-        while (plan->boundary[piece + 1] < plan->boundary[plan->pieces] && plan->speed_factor * time >= plan->boundary[piece + 1])
+        while (plan->boundary[piece + 1] < end && nominal >= plan->boundary[piece + 1])
             ++piece;
-        dph_plan_sample_piece(plan, piece, time, setpoint);
+        sample_piece(plan, piece, time, extent, setpoint);
         return;
     }
     int arrived = time >= plan->duration;
@@ -261,6 +277,11 @@ void dph_plan_sample(const dph_plan *plan, double time, dph_setpoint *setpoint)
     setpoint->arc_length = arrived ? plan->length : 0.0;
     setpoint->length = plan->length;
     setpoint->vertex_distance = vertex_distance(&plan->task, setpoint->tcp_position);
+}
+
+void dph_plan_sample(const dph_plan *plan, double time, dph_setpoint *setpoint)
+{
+    sample(plan, time, WHOLE, setpoint);
 }
 
 void dph_plan_sample_at_rate(const dph_plan *plan, double time, const double rate[3], dph_setpoint *setpoint)
@@ -275,13 +296,24 @@ void dph_plan_sample_at_rate(const dph_plan *plan, double time, const double rat
         setpoint->tcp_acceleration[i] = a * r * r + v * rate[1];
         setpoint->tcp_jerk[i] = j * r * r * r + 3.0 * a * r * rate[1] + v * rate[2];
     }
-    (void)joints_at(&plan->robot, plan->task.payload, setpoint); /* cannot fail: the path is checked */
+    (void)joints_at(&plan->robot, plan->task.payload, WHOLE, setpoint); /* cannot fail: the path is checked */
 }
 
 void dph_plan_sample_array(const dph_plan *plan, int n, const double *time, dph_setpoint *setpoint)
 {
     for (int i = 0; i < n; ++i)
-        dph_plan_sample(plan, time[i], &setpoint[i]);
+        sample(plan, time[i], WHOLE, &setpoint[i]);
+}
+
+void dph_plan_sample_joints(const dph_plan *plan, int n, const double *time, double *position, double *velocity, double *acceleration)
+{
+    for (int i = 0; i < n; ++i) {
+        dph_setpoint setpoint;
+        sample(plan, time[i], JOINTS, &setpoint);
+        memcpy(&position[3 * i], setpoint.joint_position, sizeof setpoint.joint_position);
+        memcpy(&velocity[3 * i], setpoint.joint_velocity, sizeof setpoint.joint_velocity);
+        memcpy(&acceleration[3 * i], setpoint.joint_acceleration, sizeof setpoint.joint_acceleration);
+    }
 }
 
 dph_verdict dph_rest(const dph_robot *robot, const double point[3], double payload, dph_setpoint *setpoint)
@@ -289,7 +321,7 @@ dph_verdict dph_rest(const dph_robot *robot, const double point[3], double paylo
     dph_setpoint rest;
     memset(&rest, 0, sizeof rest);
     memcpy(rest.tcp_position, point, sizeof rest.tcp_position);
-    dph_verdict verdict = joints_at(robot, payload, &rest);
+    dph_verdict verdict = joints_at(robot, payload, WHOLE, &rest);
     if (verdict.status == DPH_STATUS_OK)
         *setpoint = rest;
     return verdict;

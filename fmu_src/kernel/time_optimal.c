@@ -50,11 +50,11 @@ static int excess_of(const dph_workspace *w, int k, double excess[3])
     double width = w->knot[k + 1] - w->knot[k], slope[2] = {width * w->slope[k], width * w->slope[k + 1]};
     double series[1 + DPH_ROWS][DPH_FINE + 1];
     int count[2] = {0, 0};
+    if (!dph_is_positive(&w->b[k], slope))
+        return 0;
     for (int i = 0; i <= DPH_FINE; ++i) {
         double v[3], c[DPH_ROWS][3], offset[DPH_ROWS];
         dph_hermite(&w->b[k], slope, (double)i / DPH_FINE, v);
-        if (!(v[0] > 0.0))
-            return 0;
         v[1] /= width;
         v[2] /= width * width;
         dph_rows_at(&w->bounds, &w->point[k][i], c, offset, count);
@@ -187,7 +187,7 @@ static void back_to_the_best(dph_workspace *w)
 enum { BEGIN, REACH, LAY, PROFILE, INTERVAL, START, VERIFY, VERIFY_BEST, REPAIR, SOLVE, KEEP };
 
 /* Work [units], measured; all but the first two for each interval. */
-enum { REACH_UNITS = 120, PROFILE_UNITS = 100, INTERVAL_UNITS = 20, START_UNITS = 1, VERIFY_UNITS = 5, REPAIR_UNITS = 1, SOLVE_UNITS = 2 };
+enum { REACH_UNITS = 140, PROFILE_UNITS = 80, INTERVAL_UNITS = 12, START_UNITS = 1, VERIFY_UNITS = 3, REPAIR_UNITS = 1, SOLVE_UNITS = 2 };
 
 static void enter(dph_workspace *w, int stage)
 {

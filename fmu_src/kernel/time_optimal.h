@@ -68,6 +68,9 @@ double dph_reachability(const dph_plan *plan, dph_workspace *w, int *is_clear);
 /* b and its derivatives by u at a point of an interval, x = knot + u width. */
 void dph_hermite(const double value[2], const double slope[2], double u, double b[3]);
 
+/* Is that b positive, and finite, in the whole interval? */
+int dph_is_positive(const double value[2], const double slope[2]);
+
 /* Begin to shorten the duration from a strictly feasible b in the workspace.
  * Given: first complementarity gap, relative to the duration. */
 void dph_interior_point_begin(dph_workspace *w, double gap);

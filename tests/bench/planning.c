@@ -3,7 +3,7 @@
  *
  *     planning ROUNDS LAW [WHAT]
  *
- * With WHAT (plan, sample, corner, joints) only that is repeated, ROUNDS times, for a profiler. */
+ * With WHAT (plan, sample, joints, corner, inverse) only that is repeated, ROUNDS times, for a profiler. */
 #define _POSIX_C_SOURCE 199309L
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,14 +15,14 @@
 
 #include "case.h" /* static const dph_robot robot; static dph_task task */
 
-enum { PARTS = 4, MOST = 100000, SETPOINTS = 4096 };
+enum { PARTS = 5, MOST = 100000, SETPOINTS = 4096 };
 
-static const char *const part_name[PARTS] = {"plan", "sample", "corner", "joints"};
+static const char *const part_name[PARTS] = {"plan", "sample", "joints", "corner", "inverse"};
 
 static dph_workspace *workspace;
 static dph_plan plan;
 static dph_setpoint setpoint[SETPOINTS];
-static double moment[SETPOINTS], in_corner[SETPOINTS], gamma[SETPOINTS], sink;
+static double moment[SETPOINTS], in_corner[SETPOINTS], gamma[SETPOINTS], joint[3][3 * SETPOINTS], sink;
 static int moments, in_corners;
 
 static void run(int part)
@@ -36,6 +36,9 @@ static void run(int part)
         dph_plan_sample_array(&plan, moments, moment, setpoint);
         break;
     case 2:
+        dph_plan_sample_joints(&plan, moments, moment, joint[0], joint[1], joint[2]);
+        break;
+    case 3:
         dph_corner_law_gamma(&plan.side[0].corner, in_corners, in_corner, gamma, NULL);
         sink += gamma[0];
         break;

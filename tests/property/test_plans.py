@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from property.random_tasks import random_tasks
 
 from deltaph.errors import InfeasibleError
 from deltaph.plan import Plan
@@ -147,3 +148,15 @@ def test_wild_tasks_are_refused_or_planned_and_never_crash(pick, place, lift, de
         assert refusal.status in REASONS
         return
     assert np.isfinite(plan.sample(np.linspace(-1.0, plan.duration + 1.0, 20))["joint_position"]).all()
+
+
+@pytest.mark.parametrize("law", ["paper", "comparison", "paper_limited", "time_optimal"])
+def test_joints_alone_have_the_bits_of_the_setpoints(law: str) -> None:
+    for task in random_tasks(10):
+        plan = plan_or_none(task, Law(law, 1.2, 0.8, 2.4, 0.5))
+        if plan is None:
+            continue
+        time = np.linspace(-0.01, plan.duration + 0.01, 1001)
+        setpoints = plan.sample(time)
+        for what, found in zip(("position", "velocity", "acceleration"), plan.joints(time), strict=True):
+            assert found.tobytes() == setpoints[f"joint_{what}"].tobytes(), what

@@ -117,3 +117,13 @@ def test_the_fmu_starts_with_the_limits_of_the_drives() -> None:
 
 def test_workspace_is_small() -> None:
     assert lib.dph_workspace_size() < 1 << 19
+
+
+def test_a_solution_is_positive_between_its_samples_too() -> None:
+    # Corners so small that the solver's b dips below zero between two of the points at which it is verified.
+    limits = limits_of(0.00383, math.inf, 3.56e10, tcp_speed=22.7)
+    lift, deviation, half = 0.0349, 1.55e-6, 0.000945
+    task = Task((-half, 0.0, -0.8), (half, 0.0, -0.8), (lift, lift), (deviation, deviation))
+    plan = Plan(ROBOT, task, TIME_OPTIMAL, 0.0, limits)
+    assert math.isfinite(plan.nominal_duration)
+    assert plan.violations(limits) == []

@@ -5,12 +5,13 @@ import math
 import numpy as np
 import pytest
 from property.random_tasks import PAPERS_PEAKS, TIME_OPTIMAL, limits_of, random_tasks
-from scipy.interpolate import make_interp_spline
 
 from deltaph import bench
 from deltaph.plan import Plan
 from deltaph.robot import Robot
 from deltaph.scenario import Limits, Task
+
+interpolate = pytest.importorskip("scipy.interpolate", reason="needs scipy: pip install 'deltaph[bench]'")
 
 ROBOT = Robot.default()
 PAPERS_TASK = Task((-0.1525, 0.0, -0.8), (0.1525, 0.0, -0.8), (0.05, 0.05), (0.006, 0.006))
@@ -40,7 +41,7 @@ def test_velocity_acceleration_and_jerk_against_copp(task: Task) -> None:
     """It linearizes jerk once, and rests for its first and last interval: it is slower by some per cent."""
     copp = pytest.importorskip("copp_py", reason="copp-py is not installed")
     plan, arc_length, joints = on_the_path(task, PAPERS_PEAKS)
-    path = make_interp_spline(arc_length, joints, k=5)
+    path = interpolate.make_interp_spline(arc_length, joints, k=5)
     contender, stretch = bench._copp(copp, path, float(arc_length[-1]), PAPERS_PEAKS)
     duration = contender.work()
     assert 0.95 * duration <= plan.nominal_duration <= 1.01 * duration
