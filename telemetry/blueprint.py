@@ -12,7 +12,7 @@ import rerun.blueprint as rrb
 from deltaph.telemetry import corner
 from deltaph.telemetry.axes import labelled
 from deltaph.telemetry.scene import UP, Scene
-from deltaph.telemetry.signals import CORNER, PLOT, color_of_plan, shown_unit
+from deltaph.telemetry.signals import CORNER, MISSED_DEADLINES, PLOT, color_of_plan, shown_unit
 from deltaph.telemetry.world import ARROWS, COMMANDED_PATH, CORNERS, EXECUTED_PATH
 
 TRACE_SECONDS = 1.0
@@ -215,11 +215,12 @@ def blueprint(scene: Scene, *, live: bool = False, spans: Spans = _NO_SPANS) -> 
         plot("Real-time factor", "timing/real_time_factor"),
         name="Timing",
     )
+    columns = rrb.TextLogColumns(timeline_columns=["sim_time"], text_log_columns=["LogLevel", "Body"])
     events = rrb.Vertical(
-        rrb.TextLogView(
-            name="Events",
-            origin="event",
-            columns=rrb.TextLogColumns(timeline_columns=["sim_time"], text_log_columns=["LogLevel", "Body"]),
+        rrb.Horizontal(
+            rrb.TextLogView(name="Events", origin="/", contents=["event"], columns=columns),
+            rrb.TextLogView(name="Missed deadlines", origin="/", contents=[MISSED_DEADLINES], columns=columns),
+            column_shares=[3, 2],
         ),
         rrb.StateTimelineView(name="Phase and trip", origin="/", contents=["operation", "phase", "trip"]),
         row_shares=[3, 1],

@@ -15,11 +15,22 @@ from deltaph.frame import Frame
 from deltaph.telemetry.blueprint import blueprint
 from deltaph.telemetry.corner import approaches, executed_entity, marks, near, passes, still_corners
 from deltaph.telemetry.destination import Destination, RecordingFile
-from deltaph.telemetry.events import EventWatch, level, sentence
+from deltaph.telemetry.events import EVENT_KINDS, EventWatch, level, sentence
 from deltaph.telemetry.keys import FRAME_MESSAGES, MessageName
 from deltaph.telemetry.messages import Layout, Records, layout
 from deltaph.telemetry.scene import CornerMark, FloatArray, Scene
-from deltaph.telemetry.signals import ERROR_STEPS, PLOT, TRACKING_ERRORS, Signal, every, is_held, limits, signals, style
+from deltaph.telemetry.signals import (
+    ERROR_STEPS,
+    MISSED_DEADLINES,
+    PLOT,
+    TRACKING_ERRORS,
+    Signal,
+    every,
+    is_held,
+    limits,
+    signals,
+    style,
+)
 from deltaph.telemetry.world import (
     COMMANDED_PATH,
     CORNERS,
@@ -322,10 +333,15 @@ class Recorder:
         """What happened before a step, or all of it, in words."""
         due = [event for event in self._events if end is None or event["step"] < end]
         self._events = [event for event in self._events if end is not None and event["step"] >= end]
-        events = np.array(due, dtype=layout("event").dtype)
-        if len(events):
-            texts = rr.TextLog.columns(text=[sentence(event) for event in events], level=[level(event) for event in events])
-            self._send("event", _index(events, step="step"), texts)
+        missed = EVENT_KINDS.index("missed_deadline")
+        for entity, found in (
+            ("event", [event for event in due if event["kind"] != missed]),
+            (MISSED_DEADLINES, [event for event in due if event["kind"] == missed]),
+        ):
+            if found:
+                events = np.array(found, dtype=layout("event").dtype)
+                texts = rr.TextLog.columns(text=[sentence(event) for event in found], level=[level(event) for event in found])
+                self._send(entity, _index(events, step="step"), texts)
 
     def _write_lane(self, entity: str, records: Records, message: Layout, field: str) -> None:
         """A row where an enumeration changes."""

@@ -37,6 +37,9 @@ _SHOWN = {
 PLOT = "plot/"
 """Prefix of what is shown in a unit for people; the same entity without it is SI."""
 
+MISSED_DEADLINES = "event/missed_deadline"
+"""Events of their own entity: on a busy machine they would bury the others."""
+
 POSITION_STEPS, ERROR_STEPS = 5, 2
 """Communication steps between two rows of a plot: a screen does not show more, and the SI entity has all of them."""
 

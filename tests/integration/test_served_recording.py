@@ -9,6 +9,8 @@ from integration.read_back import Recording
 from integration.serving_cell import CELL, DEADLINE, DELTAPH, following, serving
 from integration.test_following import process
 
+from deltaph.compare import compare
+from deltaph.errors import EnvironmentProblem
 from deltaph.scenario import template
 from deltaph.telemetry import PpoRequest
 from deltaph.telemetry.viewer import rerun_binary
@@ -38,8 +40,8 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 def test_both_are_equal(files: tuple[Path, Path]) -> None:
     """Chunk by chunk, as Rerun compares."""
-    compare = [str(rerun_binary()), "rrd", "compare", *map(str, files)]
-    done = subprocess.run(compare, capture_output=True, text=True, timeout=DEADLINE, check=False)
+    command = [str(rerun_binary()), "rrd", "compare", *map(str, files)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE, check=False)
     assert done.returncode == 0, done.stderr[:2000]
 
 
@@ -71,3 +73,9 @@ def test_commanded_path_is_that_of_the_setpoints(files: tuple[Path, Path]) -> No
     joined = np.concatenate([np.array(strip[0] if len(strip) == 1 else strip).reshape(-1, 3)[:-1] for strip in strips])
     np.testing.assert_allclose(joined, setpoints[: len(joined)], atol=1e-6)
     assert len(setpoints) - len(joined) == 1
+
+
+def test_there_is_nothing_to_compare_it_by(files: tuple[Path, Path], tmp_path: Path) -> None:
+    with pytest.raises(EnvironmentProblem, match="is of a cell that served"):
+        compare(*files, tmp_path / "both.rrd")
+    assert not (tmp_path / "both.rrd").exists()
