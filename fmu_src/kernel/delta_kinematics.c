@@ -296,7 +296,8 @@ int dph_rates_at(const dph_robot *robot, const double point[3], const double fir
         double root2 = p2 - k * k;
         if (!(root2 > 0.0) || !(fabs(y) <= forearm))
             return 0;
-        double root = sqrt(root2), both = 1.0 / (p2 * root), scale = both * root, inverse = 2.0 * half * both * p2, c = scale * (x * k - z * root), d = -scale * (z * k + x * root);
+        double root = sqrt(root2), scale = 1.0 / p2, inverse = 1.0 / (upper * root);
+        double c = scale * (x * k - z * root), d = -scale * (z * k + x * root);
         double along = x - upper * c, up = z + upper * d;
 
         double x1 = first[0] * u[0] + first[1] * u[1], y1 = first[1] * u[0] - first[0] * u[1], z1 = first[2];

@@ -86,9 +86,10 @@ static void point_at(const dph_plan *plan, int segment, double x, dph_corner_wal
 /* In the middle of an interval, from its ends: q' by the cubic with its values and slopes, q'' its derivative. */
 static void middle_between(const dph_reach_point *a, const dph_reach_point *b, double width, dph_reach_point *middle)
 {
+    double per_width = 1.5 / width;
     for (int i = 0; i < 3; ++i) {
         middle->q[0][i] = 0.5 * (a->q[0][i] + b->q[0][i]) + 0.125 * width * (a->q[1][i] - b->q[1][i]);
-        middle->q[1][i] = 1.5 * (b->q[0][i] - a->q[0][i]) / width - 0.25 * (a->q[1][i] + b->q[1][i]);
+        middle->q[1][i] = per_width * (b->q[0][i] - a->q[0][i]) - 0.25 * (a->q[1][i] + b->q[1][i]);
     }
 }
 
@@ -391,7 +392,7 @@ static int excess_of(const dph_workspace *w, int k, double excess[2])
     for (int i = 0; i <= SPLINE_PARTS; ++i) {
         const double(*q)[3] = (const double(*)[3])w->point[k][i].q;
         double v[2];
-        spline_at(w, k, i / (double)SPLINE_PARTS, v);
+        spline_at(w, k, i * (1.0 / SPLINE_PARTS), v);
         if (!(v[0] > 0.0))
             return 0;
         for (int j = 0; j < 3; ++j) {

@@ -135,7 +135,21 @@ static double slowness(double u, const void *context)
     return 1.0 / sqrt(value[0] * r * r * (1.0 + 2.0 * u) + value[1] * u * u * (3.0 - 2.0 * u) + slope[0] * u * r * r - slope[1] * u * u * r);
 }
 
-static void keep(const dph_workspace *w, double stretch, dph_plan *plan)
+/* Integral of slowness over a piece on which b is quadratic, b'' = 2c: with r = sqrt(b0) + sqrt(b1) it is 2 artanh(sqrt(z)) / (r sqrt(z)),
+ * z = c / r^2, real for either sign. Of its series 2/r (1 + z/3 + z^2/5 + ...) the first term that is left out is below 1e-17 for |z| < 1/16. */
+static double quadratic_integral(const Cubic *cubic)
+{
+    static const double term[] = {1.0,        1.0 / 3.0,  1.0 / 5.0,  1.0 / 7.0,  1.0 / 9.0,  1.0 / 11.0, 1.0 / 13.0,
+                                  1.0 / 15.0, 1.0 / 17.0, 1.0 / 19.0, 1.0 / 21.0, 1.0 / 23.0, 1.0 / 25.0};
+    double r = sqrt(cubic->value[0]) + sqrt(cubic->value[1]), z = 0.5 * (cubic->slope[1] - cubic->slope[0]) / (r * r), sum = 0.0;
+    if (!(fabs(z) < 1.0 / 16.0))
+        return gauss_integral(slowness, cubic, 0.0, 1.0);
+    for (int k = (int)(sizeof term / sizeof *term) - 1; k >= 0; --k)
+        sum = sum * z + term[k];
+    return 2.0 * sum / r;
+}
+
+static void keep(const dph_workspace *w, double stretch, int is_quadratic, dph_plan *plan)
 {
     double factor = 1.0 / (stretch * stretch);
     plan->pieces = w->intervals;
@@ -153,7 +167,7 @@ static void keep(const dph_workspace *w, double stretch, dph_plan *plan)
         double width;
         Cubic cubic = cubic_of(plan, k, &width);
         plan->phase[k] = dph_segment_phase[w->segment[k]];
-        plan->boundary[k + 1] = plan->boundary[k] + width * gauss_integral(slowness, &cubic, 0.0, 1.0);
+        plan->boundary[k + 1] = plan->boundary[k] + width * (is_quadratic ? quadratic_integral(&cubic) : gauss_integral(slowness, &cubic, 0.0, 1.0));
     }
 }
 
@@ -253,7 +267,7 @@ dph_verdict dph_time_optimal_continue(dph_workspace *w, dph_plan *plan, int *uni
             *units -= REACH_UNITS;
             w->best.stretch = dph_reachability(plan, w, &is_clear);
             if (w->best.stretch > 0.0 && is_clear) {
-                keep(w, w->best.stretch, plan);
+                keep(w, w->best.stretch, 1, plan);
                 return verdict;
             }
             enter(w, LAY);
@@ -261,7 +275,7 @@ dph_verdict dph_time_optimal_continue(dph_workspace *w, dph_plan *plan, int *uni
         case LAY:
             verdict = dph_path_lay(plan, &w->bounds, &w->laying, units);
             if (verdict.status == DPH_STATUS_OK && w->best.stretch > 0.0) {
-                keep(w, w->best.stretch, plan);
+                keep(w, w->best.stretch, 1, plan);
                 return verdict;
             }
             if (verdict.status == DPH_STATUS_OK)
@@ -312,7 +326,7 @@ dph_verdict dph_time_optimal_continue(dph_workspace *w, dph_plan *plan, int *uni
             break;
         default: /* KEEP */
             back_to_the_best(w);
-            keep(w, w->best.stretch * unseen, plan);
+            keep(w, w->best.stretch * unseen, 0, plan);
             return verdict;
         }
     }
