@@ -385,8 +385,8 @@ def test_every_command_is_an_event_with_its_outcome(shared: Serving, client: Com
         client.hold()
         client.resume()
         client.ppo(PpoRequest(place=end, lift=0.001))
-        ask(raw, f"deltaph/{CELL}/command/feed", b"nonsense")
-        ask(raw, f"deltaph/{CELL}/command/nothing", None)
+        assert len(answers_to(raw, "feed", b"nonsense")) == 1
+        assert len(answers_to(raw, "nothing", None)) == 1
         reply = client.ppo(PpoRequest(place=end))
         found.wait_for_arrival(reply)
         kinds = EVENT_KINDS.index("command_accepted"), EVENT_KINDS.index("command_refused")
