@@ -385,8 +385,8 @@ def test_every_command_is_an_event_with_its_outcome(shared: Serving, client: Com
         client.hold()
         client.resume()
         client.ppo(PpoRequest(place=end, lift=0.001))
-        ask(raw, f"deltaph/{CELL}/command/feed", b"nonsense")
-        ask(raw, f"deltaph/{CELL}/command/nothing", None)
+        assert len(answers_to(raw, "feed", b"nonsense")) == 1
+        assert len(answers_to(raw, "nothing", None)) == 1
         reply = client.ppo(PpoRequest(place=end))
         found.wait_for_arrival(reply)
         kinds = EVENT_KINDS.index("command_accepted"), EVENT_KINDS.index("command_refused")
@@ -665,7 +665,7 @@ def test_interrupt_ends_it_with_a_summary_and_both_recordings_are_whole(tmp_path
         _, said = recorder.communicate(timeout=DEADLINE)
     assert recorder.returncode == 0, said
     assert "ppo 1 accepted, 1 infeasible" in cell.printed
-    assert cell.report["plans"] | {"worst": None} == {
+    assert cell.report["plans"] | {"worst": None, "newest": None} == {
         "accepted": 1,
         "refused": 1,
         "cancelled": 0,
@@ -673,7 +673,9 @@ def test_interrupt_ends_it_with_a_summary_and_both_recordings_are_whole(tmp_path
         "corners": 2,
         "corners_kept": 2,
         "worst": None,
+        "newest": None,
     }
+    assert len(cell.report["plans"]["newest"]) == 1
     assert cell.report["plans"]["worst"]["executed_m"] == pytest.approx(6.011e-3, abs=1e-5)
     for name in ("own.rrd", "other.rrd"):
         subprocess.run([DELTAPH.with_name("rerun"), "rrd", "verify", tmp_path / name], check=True, capture_output=True)
