@@ -1,6 +1,6 @@
 """Commands to a cell: queries to `deltaph/{cell}/command/{name}`, JSON both ways, SI, every one answered with one reply.
 
-A refusal is a reply too, with `accepted` false and the reason; only a query that names no single command gets an error.
+A refusal is a reply too, with `accepted` false and the reason; only a wildcard gets errors, one for each command that it means.
 """
 
 from __future__ import annotations
@@ -194,13 +194,15 @@ class CommandService:
         self._come = threading.Semaphore(0)
         self._thread = threading.Thread(target=self._work, name="ppo", daemon=True)
         self._thread.start()
-        self._queryable = session.declare_queryable(self._keys.commands, self._on_query)
+        # One for each key, and none for others: a query to what is no command ends in Zenoh, without a look at it here.
+        self._queryables = [session.declare_queryable(self._keys.command(name), self._on_query) for name in REQUESTS]
 
     def close(self) -> None:
         """Take no more, and wait until what is under way is answered. A second call does nothing."""
         if not self._thread.is_alive():
             return
-        self._queryable.undeclare()  # type: ignore[no-untyped-call]
+        for queryable in self._queryables:
+            queryable.undeclare()  # type: ignore[no-untyped-call]
         self._come.release()
         self._thread.join()
 
@@ -209,7 +211,7 @@ class CommandService:
         command = next((name for name in REQUESTS if key == self._keys.command(name)), None)
         if command is None:
             self._count("none", "invalid")
-            query.reply_err(f"{key} is no command: known are {', '.join(map(self._keys.command, REQUESTS))}".encode())
+            query.reply_err(f"{key} is no single command: known are {', '.join(map(self._keys.command, REQUESTS))}".encode())
             return
         if command == "ppo":
             with self._lock:

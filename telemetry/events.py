@@ -41,7 +41,7 @@ EVENT_INTEGERS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ("trip", variable_table("plant").items("Trip"), "trip: why the plant has tripped"),
     ("axis", (), "trip: the axis, 1 to 3; 0 where none is meant"),
     ("count", (), "How many of this kind so far; of commands: with this outcome; dropped: frames missing before this one"),
-    ("command", COMMANDS, "command_accepted, command_refused: which command; none: a query to no command"),
+    ("command", COMMANDS, "command_accepted, command_refused: which command; none: a query to no single one"),
     ("outcome", OUTCOMES, "command_accepted, command_refused: what became of it; infeasible: plan_refused has the numbers"),
 )
 """Name, items and description of the Int32 fields of an event."""

@@ -69,7 +69,7 @@ class Publisher:
             raise EnvironmentProblem(
                 f"a cell {cell} is there already: give this one another name with --cell, or as `cell` under [run]"
             )
-        commands = (*map(self._keys.command, COMMANDS), self._keys.commands)
+        commands = [self._keys.command(name) for name in COMMANDS]
         self._session, self.endpoints = open_cell_session(listen, connect, config, commands)
         self._history = history
         self.published = 0
