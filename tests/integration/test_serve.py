@@ -665,7 +665,7 @@ def test_interrupt_ends_it_with_a_summary_and_both_recordings_are_whole(tmp_path
         _, said = recorder.communicate(timeout=DEADLINE)
     assert recorder.returncode == 0, said
     assert "ppo 1 accepted, 1 infeasible" in cell.printed
-    assert cell.report["plans"] | {"worst": None} == {
+    assert cell.report["plans"] | {"worst": None, "newest": None} == {
         "accepted": 1,
         "refused": 1,
         "cancelled": 0,
@@ -673,7 +673,10 @@ def test_interrupt_ends_it_with_a_summary_and_both_recordings_are_whole(tmp_path
         "corners": 2,
         "corners_kept": 2,
         "worst": None,
+        "newest": None,
     }
+    (plan,) = cell.report["plans"]["newest"]
+    assert (plan["plan"], plan["place_m"], [corner["side"] for corner in plan["corners"]]) == (1, list(PLACE), [0, 1])
     assert cell.report["plans"]["worst"]["executed_m"] == pytest.approx(6.011e-3, abs=1e-5)
     for name in ("own.rrd", "other.rrd"):
         subprocess.run([DELTAPH.with_name("rerun"), "rrd", "verify", tmp_path / name], check=True, capture_output=True)
