@@ -98,7 +98,7 @@ class Schedule:
 
     @property
     def cycle_time(self) -> float:
-        """The same [s]."""
+        """What a pass takes as it is planned, with all rests and waits [s]."""
         return self.pass_ms / 1000.0
 
     def grid(self, step_ms: float = 1.0) -> FloatArray:
