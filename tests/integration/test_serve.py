@@ -673,7 +673,8 @@ def test_interrupt_ends_it_with_a_summary_and_both_recordings_are_whole(tmp_path
         "worst": None,
         "newest": None,
     }
-    assert len(cell.report["plans"]["newest"]) == 1
+    (plan,) = cell.report["plans"]["newest"]
+    assert (plan["plan"], plan["place_m"], [corner["side"] for corner in plan["corners"]]) == (1, list(PLACE), [0, 1])
     assert cell.report["plans"]["worst"]["executed_m"] == pytest.approx(6.011e-3, abs=1e-5)
     for name in ("own.rrd", "other.rrd"):
         subprocess.run([DELTAPH.with_name("rerun"), "rrd", "verify", tmp_path / name], check=True, capture_output=True)
