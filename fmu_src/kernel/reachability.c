@@ -15,7 +15,7 @@
 
 /* Intervals of a first, coarse b, in each segment of a side; of the final one about so many, at least so many in each segment. */
 enum { SPLINE_INTERVALS = 54 };
-static const int coarse_intervals[3] = {7, 12, 7};
+static const int coarse_intervals[3] = {5, 9, 5};
 static const int spline_intervals[3] = {3, 13, 3};
 
 /* First vertex over second one and second over third, and the same from the other end: at rest q' = q'' = 0, and nothing bounds them.
