@@ -46,9 +46,17 @@ ZenohConfigOption = Annotated[
 ]
 
 
+class _Console(Console):
+    """Where the reader of a pipe may go: rich would end with the code of a missed expectation."""
+
+    def on_broken_pipe(self) -> None:
+        """What `main` knows."""
+        raise BrokenPipeError
+
+
 def _tables(*outputs: Path | None) -> Console:
     """Where tables go: not to standard output when data goes there."""
-    return Console(stderr=STDOUT in outputs, highlight=False)
+    return _Console(stderr=STDOUT in outputs, highlight=False)
 
 
 def _write_json(path: Path | None, facts: dict[str, Any]) -> None:
@@ -402,7 +410,7 @@ def command_ppo(
 
 @command_app.command("hold")
 def command_hold(connect: ConnectOption = None, cell: CellOption = "cell1", zenoh_config: ZenohConfigOption = None) -> None:
-    """Stop on the path, with bounded jerk. What is accepted waits for `resume`."""
+    """Stop on the path, with bounded jerk. What is accepted waits for `resume`; `stop` discards it."""
     _send(lambda client: client.hold(), connect, cell, zenoh_config)
 
 
@@ -414,7 +422,7 @@ def command_resume(connect: ConnectOption = None, cell: CellOption = "cell1", ze
 
 @command_app.command("stop")
 def command_stop(connect: ConnectOption = None, cell: CellOption = "cell1", zenoh_config: ZenohConfigOption = None) -> None:
-    """As hold, and every ppo is refused until `resume`. What was accepted before goes on then."""
+    """As hold; what waits or is being planned is discarded, and every ppo is refused until `resume`, when what runs goes on."""
     _send(lambda client: client.stop(), connect, cell, zenoh_config)
 
 
@@ -547,7 +555,7 @@ def bench() -> None:
     from deltaph.cost import cost_claims
     from deltaph.scenario import parse_scenario, template
 
-    console, scenario = Console(highlight=False), parse_scenario(template(), Path("paper.toml"))
+    console, scenario = _tables(), parse_scenario(template(), Path("paper.toml"))
     run_benchmarks(scenario, console)
     print_claims(console, [asdict(claim) for claim in cost_claims(scenario)], "What the paper says of its cost")
 

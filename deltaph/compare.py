@@ -47,6 +47,11 @@ def compare(first: Path, second: Path | None, output: Path) -> dict[str, Any]:
     if output.exists() and any(path is not None and path.exists() and output.samefile(path) for path in (first, second)):
         raise EnvironmentProblem(f"{output} is one of the recordings: name another file with -o")
     readings = [Reading(path) for path in (first, second or first)]
+    for reading in readings:
+        if "commands" in (reading.summary or {}):
+            raise EnvironmentProblem(
+                f"{reading.path} is of a cell that served: its plans come from commands, not from its scenario"
+            )
     scenarios = [scenario_from_json(reading.scenario_json) for reading in readings]
     runs = [schedule(scenario) for scenario in scenarios]
     if second is None:

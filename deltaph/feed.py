@@ -1,9 +1,10 @@
-"""The planner's clock under a feed override, as the planner itself moves it on."""
+"""The planner's clock, as the planner itself moves it on: slowed down by a feed override, still while there is nothing to run."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from itertools import pairwise
 
 import numpy as np
@@ -15,7 +16,7 @@ FloatArray = NDArray[np.float64]
 
 
 class FeedClock:
-    """When the planner's clock is where; without an override it is the time.
+    """When the planner's clock is where; without overrides and pauses it is the time.
 
     Args:
         changes: overrides in order, as (from when [ms], value); a whole number of milliseconds.
@@ -35,12 +36,23 @@ class FeedClock:
                 time.append(float(end))
         self._time, self._clock = np.array(time), np.array(clock)
 
+    def paused(self, begin: float, end: float) -> FeedClock:
+        """The same clock, but that it stands from one time to another, both in [ms]; the override is filtered on meanwhile."""
+        before, after = self._time < begin, self._time > end
+        stands, goes_on = self._at_ms(np.array([begin, end])).tolist()
+        found = copy(self)
+        found._time = np.concatenate([self._time[before], [begin, end], self._time[after]])
+        found._clock = np.concatenate([self._clock[before], [stands, stands], self._clock[after] - (goes_on - stands)])
+        return found
+
+    def _at_ms(self, ms: FloatArray) -> FloatArray:
+        beyond = np.maximum(ms - self._time[-1], 0.0)
+        clock: FloatArray = np.interp(ms, self._time, self._clock) + self._rate * beyond
+        return clock
+
     def at(self, time: FloatArray) -> FloatArray:
         """The clock (n,) [s] at times (n,) [s]."""
-        ms = 1000.0 * time
-        beyond = np.maximum(ms - self._time[-1], 0.0)
-        clock: FloatArray = (np.interp(ms, self._time, self._clock) + self._rate * beyond) / 1000.0
-        return clock
+        return self._at_ms(1000.0 * time) / 1000.0
 
     def reaches(self, clock: float) -> float:
         """The time at which the clock comes to a value; both in [ms]."""

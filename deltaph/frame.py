@@ -14,7 +14,7 @@ Command = Literal["none", "ppo", "hold", "resume", "stop", "feed"]
 Outcome = Literal["none", "accepted", "infeasible", "busy", "stopped", "tripped", "invalid", "failed"]
 
 COMMANDS: tuple[Command, ...] = get_args(Command)
-"""What a cell that serves can be told; numbered from 0 in this order, only ever appended to. `none` is a query to no command."""
+"""What a cell that serves can be told; numbered from 0 in this order, only ever appended to. `none` is a query to no single one."""
 
 OUTCOMES: tuple[Outcome, ...] = get_args(Outcome)
 """What became of a command; numbered from 0 in this order, only ever appended to."""

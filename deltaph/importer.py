@@ -113,7 +113,9 @@ class _Requests:
             inputs |= {**move_inputs(op.move), "task.trigger": number}
         # what the feed has slowed down may come a rounding error later, and so one point
         slack = 1 if run.feed else 0
-        self._begins = [(run.step_at(op.begin_ms) + slack, op.move) for op in run.operations]
+        # an operation that begins in the millisecond in which it is ready shows at the communication point behind that
+        shows = [op.ready_ms // run.communication_step_ms + 1 for op in run.operations]
+        self._begins = [(max(run.step_at(op.begin_ms) + slack, at), op.move) for op, at in zip(run.operations, shows, strict=True)]
         self._begun = 0
         others = [v.name for v in planner.table.of("output") if not v.is_float]
         self._count, self._refused, self._status = (others.index(f"plan.{name}") for name in ("count", "refused", "status"))

@@ -30,6 +30,7 @@ def planner_columns(plan: Plan, time: FloatArray) -> dict[str, FloatArray]:
         "plan.count": 1,
         "plan.busy": time < plan.duration,
         "plan.refused": 0,
+        "plan.cancelled": 0,
     }
     found = {}
     for variable in table.of("output"):
@@ -48,13 +49,15 @@ def pass_columns(run: Schedule, time: FloatArray) -> dict[str, FloatArray]:
     """
     ms = 1000.0 * time
     ms = np.where(np.abs(ms - np.rint(ms)) < 1e-6, np.rint(ms), ms)  # the planner counts whole milliseconds
-    begins = [operation.clock_ms - operation.plan.dwell_ms for operation in run.one_pass]
+    # one that begins in the millisecond in which its plan is ready is not yet there at the beginning of that
+    begins = [np.nextafter(o.begin_ms, np.inf) if o.begin_ms == o.ready_ms else o.begin_ms for o in run.planned]
     number = np.searchsorted(begins, ms, side="right") - 1
-    parts = [
-        planner_columns(operation.plan, (ms[number == k] - operation.clock_ms) / 1000.0) for k, operation in enumerate(run.one_pass)
-    ]
+    parts = [planner_columns(o.plan, (ms[number == k] - o.start_ms) / 1000.0) for k, o in enumerate(run.planned)]
     found = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    return found | {"plan.count": number + 1.0, "plan.busy": (ms < run.pass_ms).astype(np.float64)}
+    # in steps longer than a way the robot may have arrived before the next way can be asked for
+    asked = [-1, *(run.communication_step_ms * operation.request_step for operation in run.planned[1:])]
+    busy = np.any([(ms > at) & (ms < o.end_ms) for at, o in zip(asked, run.planned, strict=True)], axis=0)
+    return found | {"plan.count": number + 1.0, "plan.busy": busy.astype(np.float64)}
 
 
 def _integers_last(model: Model) -> list[str]:

@@ -82,11 +82,11 @@ def draw_plan(run: Schedule, limits: Limits, title: str, path: Path) -> None:
         OSError: the file cannot be written.
         ValueError: the file name ends in no image format.
     """
-    operations = run.one_pass
+    operations = run.planned
     samples = []
     for operation in operations:
         time = time_grid(operation.plan.dwell_ms + operation.plan.duration_ms, 0.25) - operation.plan.dwell_ms / 1000.0
-        samples.append((operation.clock_ms + 1e3 * time, operation.plan.sample(time)))
+        samples.append((operation.start_ms + 1e3 * time, operation.plan.sample(time)))
     ms, s = np.concatenate([time for time, _ in samples]), np.concatenate([setpoints for _, setpoints in samples])
     figure = Figure(figsize=(13, 12), layout="constrained")
     FigureCanvasAgg(figure)
@@ -114,7 +114,7 @@ def draw_plan(run: Schedule, limits: Limits, title: str, path: Path) -> None:
     if len(operations) == 1:
         marks = [1e3 * phase.start for phase in operations[0].plan.phases]
     else:
-        marks = [float(operation.clock_ms) for operation in operations]
+        marks = [operation.start_ms for operation in operations]
     for row in (1, 2, 3):
         for column in (0, 1):
             for mark in marks:

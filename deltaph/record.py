@@ -11,7 +11,7 @@ from rich.console import Console
 
 from deltaph.errors import DeltaphError
 from deltaph.scenario import scenario_from_json
-from deltaph.scene import corner_marks, scene_of
+from deltaph.scene import corner_marks, scene_of, served_marks, served_scene
 from deltaph.telemetry import CellKeys, Destination, Recorder, Subscriber
 from deltaph.verdict import serving_markdown, summary_markdown
 
@@ -43,8 +43,10 @@ def follow_cell(
         with log.status(f"waiting for cell {cell}{where}"):
             subscriber = stack.enter_context(Subscriber(cell, connect, config=zenoh_config))
             subscriber.wait_for_cell()
-            scenario = scenario_from_json(json.dumps(subscriber.ask("scenario")))
-        scene = scene_of(scenario)
+            document = subscriber.ask("scenario")
+            serves = bool(document.pop("serves", False))
+            scenario = scenario_from_json(json.dumps(document))
+        scene = served_scene(scenario) if serves else scene_of(scenario)
         recorder = Recorder(destination, scene)
         stack.callback(recorder.close)
         try:
@@ -55,8 +57,9 @@ def follow_cell(
             log.print("interrupted: the recording ends here", style="dim", soft_wrap=True)
         if subscriber.summary is not None:
             facts = subscriber.summary
-            if "commands" in facts:  # of a cell that served
-                recorder.summary(serving_markdown(scenario, facts), json.dumps(facts))
+            if serves:
+                served = served_marks(facts), served_scene(scenario, facts)
+                recorder.summary(serving_markdown(scenario, facts), json.dumps(facts), *served)
             else:
                 recorder.summary(summary_markdown(scenario, facts), json.dumps(facts), corner_marks(facts, scene))
     found = f"{subscriber.received['actual']} frames, {sum(subscriber.missing.values()) or 'no'} messages lost"

@@ -62,6 +62,7 @@ def operation_facts(run: Schedule, execution: Execution | None = None) -> list[d
             "start_s": operation.start_ms / 1000.0,
             "end_s": operation.end_ms / 1000.0,
             "dwell_s": operation.plan.dwell_ms / 1000.0,
+            "waited_for_plan_s": operation.waited_ms / 1000.0,
             "payload_kg": operation.move.payload,
             "pick_m": list(operation.plan.task.pick),
             "place_m": list(operation.plan.task.place),
@@ -185,6 +186,10 @@ def _print_operations(console: Console, scenario: Scenario, run: Schedule) -> No
         table.add_row(name, f"{operation.move.payload:g}", f"{plan.dwell_ms}", f"{plan.duration_ms}", deviations, *cells)
         remarks += [f"{name}: {quantity} beyond its limit" for quantity in beyond.values()]
         corners = zip(plan.task.corner_deviation, plan.corner_deviation, plan.corner_bound, strict=True)
+        if operation.waited_ms:
+            remarks.append(
+                f"{name}: the robot waits {operation.waited_ms:g} ms for the plan, which takes longer than the way before"
+            )
         remarks += [f"{name}: {why}" for why in dict.fromkeys(reduced_text(*corner) for corner in corners) if why]
     limits = [getattr(scenario.limits, f"joint_{quantity}") for quantity, _ in _JOINT_ROWS]
     bounds = ["-" if math.isinf(min(limit)) else f"{min(limit):.3g}" for limit in (*limits, (scenario.limits.tcp_speed,))]
@@ -322,8 +327,11 @@ def print_run(
 
     facts = Table.grid(padding=(0, 2))
     if scenario.feed and execution.arrival is not None:
-        late = execution.arrival - run.operations[-1].clock_ms / 1e3 - run.operations[-1].plan.duration
+        late = execution.arrival - run.operations[-1].clock_ms / 1e3 - run.operations[-1].plan.duration - run.waited
         facts.add_row("arrival, later than planned by the feed", f"{1e3 * execution.arrival:g} ms, {1e3 * late:g} ms")
+    if run.waited:
+        late_ones = sum(operation.waited_ms > 0.0 for operation in run.operations)
+        facts.add_row("waited for plans", f"{1e3 * run.waited:g} ms, before {late_ones} of {len(run.operations)} operations")
     facts.add_row("largest excursion outside the right angles", f"{1e3 * execution.overshoot:.4f} mm")
     facts.add_row(
         "tracking error, largest",
@@ -385,7 +393,7 @@ def print_serving(console: Console, scenario: Scenario, facts: Mapping[str, Any]
     table.add_row("steps", f"{facts['steps']}, {facts['steps'] * facts['communication_step_s']:.3f} s")
     told = [f"{command} {_outcomes(outcomes)}" for command, outcomes in facts["commands"].items() if outcomes]
     table.add_row("commands", "; ".join(told) or "none")
-    table.add_row("plans", f"{plans['accepted']} accepted, {plans['refused']} refused, {plans['arrived']} arrived")
+    table.add_row("plans", plans_text(plans))
     table.add_row("corners kept in the machine", f"{plans['corners_kept']} of {plans['corners']}")
     if plans["worst"]:
         table.add_row("worst corner", worst_corner(plans["worst"]))
@@ -403,6 +411,12 @@ def print_serving(console: Console, scenario: Scenario, facts: Mapping[str, Any]
 
 def _outcomes(outcomes: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {outcome}" for outcome, count in outcomes.items())
+
+
+def plans_text(plans: Mapping[str, Any]) -> str:
+    """What became of the plans of a cell that served; most are never cancelled."""
+    cancelled = f", {plans['cancelled']} cancelled" if plans["cancelled"] else ""
+    return f"{plans['accepted']} accepted, {plans['refused']} refused{cancelled}, {plans['arrived']} arrived"
 
 
 def worst_corner(worst: Mapping[str, Any]) -> str:

@@ -21,7 +21,7 @@ from deltaph.importer import cosimulate
 from deltaph.pacing import Undisturbed
 from deltaph.report import executed_facts, operation_facts, plan_facts, print_run, sequence_facts, timing_facts
 from deltaph.scenario import Scenario, load_scenario
-from deltaph.scene import corner_marks, scene_of
+from deltaph.scene import corner_marks, scene_of, served_scene
 from deltaph.schedule import Schedule, schedule
 from deltaph.telemetry import BackgroundSink, CellKeys, Publisher
 from deltaph.verdict import provenance_facts, summary_markdown
@@ -151,9 +151,12 @@ def load_cell(path: Path, options: Options) -> Scenario:
     return replace(scenario, cell=options.cell)
 
 
-def open_publisher(scenario: Scenario, options: Options, log: Console, stack: ExitStack) -> tuple[Publisher, BackgroundSink]:
+def open_publisher(
+    scenario: Scenario, options: Options, log: Console, stack: ExitStack, *, serves: bool = False
+) -> tuple[Publisher, BackgroundSink]:
     """The publisher of a cell, once its subscribers are there, and the sink that feeds it; `stack` closes both."""
-    publisher = Publisher(scenario.cell, scenario.json, listen=options.listen, connect=options.connect, config=options.zenoh_config)
+    document = json.dumps({**json.loads(scenario.json), "serves": True}) if serves else scenario.json
+    publisher = Publisher(scenario.cell, document, listen=options.listen, connect=options.connect, config=options.zenoh_config)
     sink = BackgroundSink(publisher, QUEUE_FRAMES)
     stack.callback(sink.close)
     log.print(f"cell {scenario.cell} on {', '.join(publisher.endpoints)}", style="dim", soft_wrap=True)
@@ -163,12 +166,14 @@ def open_publisher(scenario: Scenario, options: Options, log: Console, stack: Ex
     return publisher, sink
 
 
-def open_recorder(scenario: Scenario, path: Path, log: Console, stack: ExitStack) -> tuple[Recorder, BackgroundSink]:
+def open_recorder(
+    scenario: Scenario, path: Path, log: Console, stack: ExitStack, *, serves: bool = False
+) -> tuple[Recorder, BackgroundSink]:
     """The recorder of a cell, and the sink that feeds it; `stack` closes both."""
     with log.status("opening the recording"):
         from deltaph.telemetry import Recorder  # Rerun takes a second to import
 
-        recorder = Recorder(path, scene_of(scenario))
+        recorder = Recorder(path, served_scene(scenario) if serves else scene_of(scenario))
     sink = BackgroundSink(recorder, QUEUE_FRAMES)
     stack.callback(sink.close)
     return recorder, sink

@@ -1,8 +1,9 @@
-"""What a run does and when: operations back to back, each planned, asked for in time and carried with the payload of its part."""
+"""What a run does and when: operations one after the other, planned, asked for early, carried with the payload of their parts."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from deltaph.errors import InfeasibleError
@@ -18,29 +19,33 @@ class Operation:
     Attributes:
         move: what is asked for.
         plan: what is planned.
+        ready_ms: millisecond in which its plan is ready, which shows one later; -1: before the run.
         begin_ms: when it begins, with its rest [ms].
         start_ms: when the motion starts [ms].
         end_ms: when it arrives [ms].
-        clock_ms: the planner's clock when the motion starts [ms].
+        clock_ms: the planner's clock when the motion starts; it stands while nothing runs [ms].
+        waited_ms: how long the robot stands before it begins, because its plan is not ready [ms].
         request_step: communication point at which it is asked for; the first one is asked for by the start values.
     """
 
     move: Move
     plan: Plan
+    ready_ms: int
     begin_ms: float
     start_ms: float
     end_ms: float
     clock_ms: int
+    waited_ms: float
     request_step: int
 
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
-    """What a run does: operations back to back, then settling.
+    """What a run does: operations, each as soon as its forerunner has arrived and it is planned, then settling.
 
     Attributes:
         operations: in order.
-        pass_length: operations after which they repeat.
+        planned: of those, the ones up to where they repeat, without a feed override.
         steps: number of communication steps.
         communication_step_ms: [ms].
         feed: overrides in order, as (communication point, value).
@@ -49,7 +54,7 @@ class Schedule:
     """
 
     operations: tuple[Operation, ...]
-    pass_length: int
+    planned: tuple[Operation, ...]
     steps: int
     communication_step_ms: int
     feed: tuple[tuple[int, float], ...]
@@ -63,8 +68,13 @@ class Schedule:
 
     @property
     def one_pass(self) -> tuple[Operation, ...]:
-        """The operations up to where they repeat."""
+        """The operations up to where they repeat, as they run."""
         return self.operations[: self.pass_length]
+
+    @property
+    def pass_length(self) -> int:
+        """Operations after which they repeat."""
+        return len(self.planned)
 
     def step_at(self, ms: float) -> int:
         """The first communication point at or after a time; one that is on the grid but for rounding is on it."""
@@ -72,13 +82,23 @@ class Schedule:
 
     @property
     def pass_ms(self) -> int:
-        """What a pass takes as it is planned, rests included [ms]."""
-        last = self.one_pass[-1]
-        return last.clock_ms + last.plan.duration_ms
+        """What a pass takes as it is planned, rests included, and what the robot waits for plans [ms]."""
+        return int(self.planned[-1].end_ms)
+
+    @property
+    def period(self) -> float:
+        """By how much a pass moves the planner's clock on: what the robot waits is not in it [s]."""
+        last = self.planned[-1]
+        return (last.clock_ms + last.plan.duration_ms) / 1000.0
+
+    @property
+    def waited(self) -> float:
+        """How long the robot waits for plans in the whole run [s]."""
+        return sum(operation.waited_ms for operation in self.operations) / 1000.0
 
     @property
     def cycle_time(self) -> float:
-        """The same [s]."""
+        """What a pass takes as it is planned, with all rests and waits [s]."""
         return self.pass_ms / 1000.0
 
     def grid(self, step_ms: float = 1.0) -> FloatArray:
@@ -125,18 +145,46 @@ def schedule(scenario: Scenario, cycles: int | None = None) -> Schedule:
     plans = {move: _plan(scenario, move) for move in sorted(passes, key=lambda move: move.is_return)}
     step = scenario.communication_step_ms
     feed = tuple((math.ceil(1000.0 * change.time / step - 1e-6), change.override) for change in scenario.feed)
-    clock = FeedClock([(step * at, override) for at, override in feed])
-    operations: list[Operation] = []
-    elapsed = 0
-    for move in passes * (cycles or 1):
-        plan = plans[move]
-        begin, start, end = (clock.reaches(elapsed + ms) for ms in (0, plan.dwell_ms, plan.dwell_ms + plan.duration_ms))
-        # One request may wait: the next one is asked for as soon as its forerunner has left that place.
-        request = math.floor(operations[-1].begin_ms / step) + 1 if operations else 0
-        operations.append(Operation(move, plan, begin, start, end, elapsed + plan.dwell_ms, request))
-        elapsed += plan.dwell_ms + plan.duration_ms
+    given = FeedClock([(step * at, override) for at, override in feed])
+    operations, clock = _one_after_the_other([(move, plans[move]) for move in passes * (cycles or 1)], step, given)
+    planned = operations[: len(passes)]
+    if feed:
+        planned, _ = _one_after_the_other([(move, plans[move]) for move in passes], step, FeedClock())
     steps = math.ceil((operations[-1].end_ms + 1000.0 * scenario.settle) / step - 1e-6)
-    return Schedule(tuple(operations), len(passes), steps, step, feed, clock, scenario.first_payload)
+    return Schedule(operations, planned, steps, step, feed, clock, scenario.first_payload)
+
+
+def _one_after_the_other(
+    planned: Sequence[tuple[Move, Plan]], step: int, clock: FeedClock
+) -> tuple[tuple[Operation, ...], FeedClock]:
+    """When moves begin and end that are asked for as early as the planner takes them, as it is written in its README.
+
+    Args:
+        planned: moves with their plans.
+        step: communication step [ms].
+        clock: the planner's, were there no plan to wait for.
+
+    Returns:
+        the operations, and the planner's clock with the pauses.
+    """
+    operations: list[Operation] = []
+    elapsed, request, ready, arrival = 0, 0, -1, 0.0
+    for move, plan in planned:
+        if operations:
+            # One request may wait: the next one is asked for as soon as its forerunner has left that place.
+            request = math.floor(operations[-1].begin_ms / step) + 1
+            # A slice in each millisecond, the first in that of the request; the PPO begins in that of the last one.
+            ready = request * step + plan.slices - 1
+        begin, waited = arrival, 0.0
+        if ready > arrival + 1e-6:  # less is rounding, which a feed override brings
+            begin, waited = float(ready), ready - arrival
+            clock = clock.paused(arrival, begin)
+        # the clock stands at the arrival for a while, and where there is no rest the motion starts at the end of it
+        start, end = (max(begin, clock.reaches(elapsed + ms)) for ms in (plan.dwell_ms, plan.dwell_ms + plan.duration_ms))
+        operations.append(Operation(move, plan, ready, begin, start, end, elapsed + plan.dwell_ms, waited, request))
+        elapsed += plan.dwell_ms + plan.duration_ms
+        arrival = end
+    return tuple(operations), clock
 
 
 def _plan(scenario: Scenario, move: Move) -> Plan:

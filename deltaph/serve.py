@@ -27,6 +27,7 @@ from deltaph.plan import Plan
 from deltaph.report import print_serving
 from deltaph.run import QUEUE_FRAMES, Options, load_cell, open_publisher, open_recorder
 from deltaph.scenario import Pair, Scenario, Task
+from deltaph.scene import served_marks, served_scene
 from deltaph.slave import Slave
 from deltaph.tally import Begun, Tally
 from deltaph.telemetry import BackgroundSink, CommandService, FeedFacts, PlanFacts, PpoRequest, RefusedPlan, Reply
@@ -43,11 +44,12 @@ JOURNAL_PERIOD = 1.0
 
 
 class _Override(NamedTuple):
-    """The feed as people want it; replaced, never changed."""
+    """The feed as people want it, and how often they have said stop; replaced, never changed."""
 
     value: float = 1.0
     held: bool = False
     stopped: bool = False
+    stops: int = 0
 
     @property
     def input(self) -> float:
@@ -91,15 +93,19 @@ class _Job:
         task: as asked for.
         inputs: of the planner, in the order of TASK_INPUTS (k,).
         dwell: [s].
+        declared: what the plan is made for [kg].
         payload: what the gripper then really carries [kg].
-        verdict: the loop's: a verdict of the planner, or why it was not asked.
+        stops: how often the cell had been stopped when it was asked for: a later stop discards it.
+        verdict: the loop's: a verdict of the planner, or why there is none.
     """
 
-    def __init__(self, task: Task, inputs: NDArray[np.float64], dwell: float, payload: float) -> None:
+    def __init__(self, task: Task, inputs: NDArray[np.float64], dwell: float, declared: float, payload: float, stops: int) -> None:
         self.task = task
         self.inputs = inputs
         self.dwell = dwell
+        self.declared = declared
         self.payload = payload
+        self.stops = stops
         self.verdict: _Verdict | str | None = None
 
 
@@ -129,12 +135,15 @@ class Attendant:
         self._override = self._applied = _Override()
         self._job: _Job | None = None
         self._posted = False
+        self._discarded = 0, 0  # which stop was the last one that the planner has seen, and what it discarded
         self._step = 0
         self.ended = False
         # the loop's own
         self._trigger = 1
         self._before = (0, 0)
+        self._place = scenario.task.pick  # where the plan that runs, or ran last, ends
         self._waiting: tuple[_Job, Begun] | None = None
+        self._cancelling: tuple[int, int] | None = None  # the stop that the planner is told of, and plan.cancelled before it
         self._arc = 0.0
         self._end: float | None = None
         self._nominal_from = -FEED_SETTLED  # since when the feed is 1
@@ -151,14 +160,16 @@ class Attendant:
         others = [v.name for v in planner.table.of("output") if not v.is_float]
         self._plan_floats = {name: column for column, name in enumerate(floats) if name.startswith("plan.")}
         self._arc_column = floats.index("path.arc_length")
-        self._count, self._refused, self._status, self._phase = (
-            others.index(name) for name in ("plan.count", "plan.refused", "plan.status", "path.phase")
+        self._count, self._refused, self._cancelled, self._status, self._phase = (
+            others.index(name) for name in ("plan.count", "plan.refused", "plan.cancelled", "plan.status", "path.phase")
         )
         self._trip = [v.name for v in plant.table.of("output") if not v.is_float].index("trip")
 
     def post(self, step: int) -> None:
         """See what the last step brought, and set the inputs of the next one."""
         self._step = step
+        if self._cancelling is not None:
+            self._discard(*self._cancelling)
         if self._override is not self._applied:
             self._apply(step)
         if self._waiting is not None:
@@ -173,7 +184,22 @@ class Attendant:
         if override.input != self._applied.input:
             self._end = None
             self._nominal_from = step * self._size if override.input == 1.0 else np.inf
+        if override.stops != self._applied.stops:
+            self._planner.set({"task.cancel": override.stops})
+            self._cancelling = override.stops, int(self._planner.integers[self._cancelled])
         self._applied = override
+
+    def _discard(self, stop: int, before: int) -> None:
+        """See what a stop has cancelled: what waited, else what was being planned. Of a hold, `_end` is unknown."""
+        self._cancelling = None
+        count = int(self._planner.integers[self._cancelled]) - before
+        if count and self._waiting is not None:
+            self._waiting = None
+            self._rest = self._place
+        elif count and self._job is not None:
+            job, self._job, self._posted = self._job, None, False
+            job.verdict = "cancelled"
+        self._discarded = stop, count
 
     def _watch(self, step: int) -> None:
         """Whether the plan that waited has begun: the arc length never falls on a path."""
@@ -195,9 +221,11 @@ class Attendant:
         self._arc = float(planner.outputs[self._arc_column])
         if self._posted:
             return
-        if self._applied.stopped or self._plant.integers[self._trip]:
+        applied = self._applied
+        late = job.stops < applied.stops
+        if applied.stopped or late or self._plant.integers[self._trip]:
             self._job = None
-            job.verdict = "stopped" if self._applied.stopped else "tripped"
+            job.verdict = "stopped" if applied.stopped else "cancelled" if late else "tripped"
             return
         planner.inputs[self._task_columns] = job.inputs
         planner.write()
@@ -220,9 +248,7 @@ class Attendant:
             start = None
         self._end = None if start is None else start + _whole_ms(job.dwell) + outputs["plan.duration"]
         planned = outputs["plan.corner_deviation_pick"], outputs["plan.corner_deviation_place"]
-        vertices = np.array([job.task.pick, job.task.place])
-        vertices[:, 2] += job.task.lift
-        begun = Begun(step, count, vertices, job.task.corner_deviation, planned)
+        begun = Begun(step, count, job.task, job.declared, planned)
         if waits:
             self._waiting = job, begun
             self._watch(step)
@@ -232,6 +258,7 @@ class Attendant:
 
     def _begin(self, job: _Job, begun: Begun) -> None:
         """A plan runs, and its load is in the gripper: from this exchange on the torque that the planner gives counts on it."""
+        self._place = job.task.place
         self._tally.begun.append(begun)
         self._plant.set({"payload.mass": job.payload})
 
@@ -252,16 +279,24 @@ class Attendant:
             case "hold":
                 self._override = self._override._replace(held=True)
             case "stop":
-                self._override = self._override._replace(held=True, stopped=True)
+                self._override = self._override._replace(held=True, stopped=True, stops=self._override.stops + 1)
             case "resume":
                 self._override = self._override._replace(held=False, stopped=False)
             case _:
                 self._override = self._override._replace(value=float(value or 0.0))
-        return FeedFacts(**self._override._asdict())
+        return FeedFacts(value=self._override.value, held=self._override.held, stopped=self._override.stopped)
+
+    def discarded(self) -> int | None:
+        """How many requests the last stop has discarded; waits for the planner, two steps."""
+        stops, deadline = self._override.stops, time.monotonic() + VERDICT_TIMEOUT
+        while self._discarded[0] < stops and not self._late(deadline):
+            time.sleep(POLL)
+        stop, count = self._discarded
+        return count if stop >= stops else None
 
     def ppo(self, request: PpoRequest) -> Reply:
         """Plan with the kernel what nobody waits for, then ask the planner in the step loop: its verdict counts."""
-        scenario = self._scenario
+        scenario, stops = self._scenario, self._override.stops
         task = Task(
             pick=request.pick or self._rest,
             place=request.place,
@@ -281,7 +316,8 @@ class Attendant:
             except InfeasibleError as error:
                 return _Refusal.of(error).reply(self.time)
         inputs = task_inputs(task) | {"task.dwell": request.dwell or 0.0, "payload.mass": declared}
-        job = _Job(task, np.array([inputs[name] for name in TASK_INPUTS]), request.dwell or 0.0, real)
+        values = np.array([inputs[name] for name in TASK_INPUTS])
+        job = _Job(task, values, request.dwell or 0.0, declared, real, stops)
         return self._ask(job, foreseen)
 
     def _ask(self, job: _Job, foreseen: _Refusal | None) -> Reply:
@@ -299,6 +335,9 @@ class Attendant:
                 return Reply(command="ppo", accepted=False, outcome="failed", time=self.time, reason=reason)
             case "stopped":
                 reason = "the cell is stopped: resume it first"
+                return Reply(command="ppo", accepted=False, outcome="stopped", time=self.time, reason=reason)
+            case "cancelled":
+                reason = "the cell was stopped before this was planned: resume it and ask again"
                 return Reply(command="ppo", accepted=False, outcome="stopped", time=self.time, reason=reason)
             case str():
                 reason = "the plant has tripped: its brakes are on until the cell is started again"
@@ -410,8 +449,8 @@ def serve_scenario(path: Path, options: Options, console: Console, log: Console)
     tally = Tally(deviation_tolerance(scenario))
     attendant = Attendant(scenario, tally)
     with ExitStack() as stack:
-        publisher, publishing = open_publisher(scenario, options, log, stack)
-        recorder, recording = open_recorder(scenario, options.record, log, stack) if options.record else (None, None)
+        publisher, publishing = open_publisher(scenario, options, log, stack, serves=True)
+        recorder, recording = open_recorder(scenario, options.record, log, stack, serves=True) if options.record else (None, None)
         counting = BackgroundSink(tally, QUEUE_FRAMES, poll=0.05)
         stack.callback(counting.close)
         sinks = [sink for sink in (publishing, recording, counting) if sink is not None]
@@ -452,7 +491,9 @@ def serve_scenario(path: Path, options: Options, console: Console, log: Console)
         }
         publisher.set_summary(json.dumps(facts))
         if recorder is not None:
-            recorder.summary(serving_markdown(scenario, facts), json.dumps(facts))
+            recorder.summary(
+                serving_markdown(scenario, facts), json.dumps(facts), served_marks(facts), served_scene(scenario, facts)
+            )
     print_serving(console, scenario, facts)
     if options.record is not None:
         log.print(f"recorded {options.record}: open it with `deltaph view {options.record}`", style="dim", soft_wrap=True)

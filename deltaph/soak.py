@@ -11,19 +11,20 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
 from deltaph.errors import DeltaphError, EnvironmentProblem
 from deltaph.plan import Plan
 from deltaph.scenario import Scenario, parse_scenario, template
-from deltaph.soak_peer import STREAMING
+from deltaph.soak_peer import FLOOD_SECONDS, STREAMING
 
 BARE_SECONDS = 6.0
 """Of the bare loop beside each disturbance."""
@@ -46,7 +47,8 @@ class Observed:
         name: of the case.
         cell: the cell's own report.
         bare: the report of the bare loop beside it.
-        subscriber: what the subscriber that lasted to the end got; None where the case has none.
+        subscriber: what the subscriber that lasted to the end got.
+        commands: what became of those that were sent; None where the case has none.
         growth: of the resident memory after the first minute, by process [MB]; empty where the case is shorter.
         failures: what should not be.
     """
@@ -54,7 +56,8 @@ class Observed:
     name: str
     cell: dict[str, Any]
     bare: dict[str, Any]
-    subscriber: dict[str, Any] | None = None
+    subscriber: dict[str, Any]
+    commands: dict[str, Any] | None = None
     growth: dict[str, float] = field(default_factory=dict)
     failures: list[str] = field(default_factory=list)
 
@@ -95,7 +98,7 @@ class _Stage:
             file_size: the largest file it may write, as on a disk that is full [bytes].
         """
         log = self.directory / f"{name}.log"
-        command = [sys.executable, "-m", *arguments]
+        command = [sys.executable, "-P", "-m", *arguments]  # what lies in the working directory is not meant
         with log.open("w", encoding="utf-8") as stream:
             process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=stream, stderr=subprocess.STDOUT, text=True)
         self._stack.callback(self._end, process)
@@ -113,6 +116,12 @@ class _Stage:
         report = self.directory / f"{name}.json"
         arguments = ["deltaph", "run", str(self._scenario), "--realtime", "--cycles", str(cycles), "--json", str(report), *options]
         self.start(name, arguments)
+
+    def serve(self) -> None:
+        """Start a cell that takes commands until it is told to end."""
+        report = self.directory / "cell.json"
+        arguments = ["deltaph", "run", str(self._scenario), "--serve", "--json", str(report), "--listen", self.endpoint]
+        self.start("cell", [*arguments, "--wait-subscribers", "1"])
 
     def subscribe(self, name: str = "subscriber", endpoint: str | None = None) -> None:
         """Start a subscriber; it waits for the cell."""
@@ -198,6 +207,16 @@ def _start_router(stage: _Stage) -> None:
     stage.start("router", ["deltaph.soak_peer", "router", stage.endpoint], ready=True)
 
 
+def _commanded(kind: str) -> Callable[[_Stage], None]:
+    def act(stage: _Stage) -> None:
+        stage.start("commands", ["deltaph.soak_peer", kind, stage.endpoint, stage.cell, str(stage.directory / "commands.json")])
+        stage.finish("commands", FLOOD_SECONDS + START_TIMEOUT)
+        time.sleep(1.0)  # it goes on undisturbed
+        stage.signal("cell", signal.SIGINT)
+
+    return act
+
+
 DISK_BYTES = 2_000_000
 """Room for a few seconds of recording."""
 
@@ -208,10 +227,11 @@ class _Case:
 
     Attributes:
         name: what happens.
-        seconds: how long the cell runs, at least.
+        seconds: how long the cell runs, at least; one that serves runs until it is told to end.
         act: what is done, one second after the subscriber has its first message.
         router: the cell and the subscriber meet at a router.
         disk: a recorder without room on its disk is there as well.
+        serves: the cell takes commands; `act` ends it.
     """
 
     name: str
@@ -219,6 +239,7 @@ class _Case:
     act: Callable[[_Stage], None]
     router: bool = False
     disk: bool = False
+    serves: bool = False
 
 
 CASES = (
@@ -227,16 +248,17 @@ CASES = (
     _Case("subscriber killed and restarted", 8.0, _killed),
     _Case("router killed and restarted", 12.0, _router_killed, router=True),
     _Case("no room for the recorder", 8.0, lambda _: None, disk=True),
+    _Case("a flood of commands", FLOOD_SECONDS + 2.0, _commanded("flood"), serves=True),
+    _Case("malformed commands", FLOOD_SECONDS + 2.0, _commanded("malformed"), serves=True),
 )
 
 
 def _lost(observed: Observed) -> list[str]:
     """What is wrong with what the subscriber got: the cell keeps all that any case disturbs, so that nothing is lost for good."""
     got, failures = observed.subscriber, []
-    if got is None:
-        return []
     if not got["summary"]:
         failures.append("the subscriber did not get the summary")
+    failures += [f"{seen['missing']} {name} lost" for name, seen in got["messages"].items() if seen["missing"]]
     for name in ("setpoint", "actual", "timing"):
         seen = got["messages"].get(name)
         if seen is None:
@@ -246,10 +268,22 @@ def _lost(observed: Observed) -> list[str]:
             failures.append(f"{seen['out_of_order']} {name} out of order")
         if seen["last"] != observed.cell["steps"]:
             failures.append(f"the last {name} is {seen['last']} of {observed.cell['steps']}: service did not resume")
-        if seen["missing"]:
-            failures.append(f"{seen['missing']} {name} lost")
         if seen["received"] + seen["missing"] != observed.cell["steps"] + 1:
             failures.append(f"{name}: {seen['received']} received and {seen['missing']} missing are not all that was sent")
+    return failures
+
+
+def _unanswered(commands: dict[str, Any], cell: dict[str, Any], *, malformed: bool) -> list[str]:
+    """What is wrong with what became of commands: those that the cell let in are answered, each once, and all are counted."""
+    failures = []
+    counted = sum(sum(outcomes.values()) for outcomes in cell["commands"].values())
+    answered = commands["answered"] + 2 * commands["holds"]
+    if counted != answered:
+        failures.append(f"the cell counted {counted} commands, {answered} were answered")
+    if malformed and commands["accepted"]:
+        failures.append(f"{commands['accepted']} malformed commands were accepted")
+    if not malformed and not commands["accepted"]:
+        failures.append("none of the commands was accepted")
     return failures
 
 
@@ -316,15 +350,21 @@ class Soak:
                 arguments = ["deltaph", "record", "-o", recording, "--connect", stage.endpoint, "--cell", stage.cell]
                 stage.start("recorder", arguments, file_size=DISK_BYTES)
                 waited += 1
-            where = "--connect" if case.router else "--listen"
-            listen = ["--listen", _endpoint()] if case.router else []
-            stage.run(case.seconds, self._cycle, [where, stage.endpoint, *listen, "--wait-subscribers", str(waited)])
+            if case.serves:
+                stage.serve()
+            else:
+                where = "--connect" if case.router else "--listen"
+                listen = ["--listen", _endpoint()] if case.router else []
+                stage.run(case.seconds, self._cycle, [where, stage.endpoint, *listen, "--wait-subscribers", str(waited)])
             stage.await_streaming()
             time.sleep(1.0)
             case.act(stage)
             observed = self._observe(case.name, stage, bare, case.seconds)
             if case.disk and (code := stage.finish("recorder", 60.0)) != 2:
                 observed.failures.append(f"the recorder without room ended with {code}: {stage.said('recorder')}")
+            if case.serves:
+                observed.commands = stage.report("commands")
+                observed.failures += _unanswered(observed.commands, observed.cell, malformed="malformed" in case.name)
         observed.failures += _lost(observed)
         return observed
 
@@ -350,39 +390,59 @@ def _per_minute(facts: dict[str, Any]) -> float:
     return 60_000.0 * float(facts["timing"]["missed_deadlines"]) / float(facts["steps"])
 
 
+def _loop_figures(observed: Observed) -> tuple[tuple[float, float], ...]:
+    """Lateness, median and 99.9 % [us], and missed deadlines a minute: of the cell, of the bare loop."""
+    cell, bare = observed.subscriber["lateness_us"], observed.bare["timing"]["lateness_us"]
+    missed = _per_minute(observed.cell), _per_minute(observed.bare)
+    return (cell["p50"], bare["p50"]), (cell["p999"], bare["p999"]), missed
+
+
 def _print_loop(console: Console, found: Sequence[Observed]) -> None:
     """What the loop noticed, beside the bare loop."""
-    table = Table("lateness (us)", "p50", "bare", "ratio", "p99.9", "bare", "missed/min", "bare", box=None, pad_edge=False)
+    heads = (column for name in ("late (us) p50", "p99.9", "missed/min") for column in (name, "bare", "ratio"))
+    table = Table("in real time", *heads, box=None, pad_edge=False)
+    ratios: list[list[float]] = []
     for observed in found:
-        cell, bare = (facts["timing"]["lateness_us"] for facts in (observed.cell, observed.bare))
-        table.add_row(
-            observed.name,
-            f"{cell['p50']:.3f}",
-            f"{bare['p50']:.3f}",
-            f"{cell['p50'] / bare['p50']:.2f}" if bare["p50"] else "-",
-            f"{cell['p999']:.0f}",
-            f"{bare['p999']:.0f}",
-            f"{_per_minute(observed.cell):.0f}",
-            f"{_per_minute(observed.bare):.0f}",
-        )
+        figures = _loop_figures(observed)
+        ratios.append([cell / bare if bare else math.nan for cell, bare in figures])
+        texts = (f"{cell:.3f}" if k == 0 else f"{cell:.0f}" for k, pair in enumerate(figures) for cell in pair)
+        table.add_row(observed.name, *_triples(texts, ratios[-1]))
+    table.add_row("median of the ratios", *_triples([""] * 6, np.nanmedian(ratios, axis=0).tolist()))
     console.print(table)
+
+
+def _triples(texts: Iterable[str], ratios: Sequence[float]) -> Iterator[str]:
+    """Cells of the table: two texts and a ratio, again and again."""
+    values = iter(texts)
+    for ratio in ratios:
+        yield from (next(values), next(values), "-" if math.isnan(ratio) else f"{ratio:.2f}")
 
 
 def _print_messages(console: Console, found: Sequence[Observed]) -> None:
     """What came of the messages, and what handing them over cost."""
     table = Table("messages", "steps", "received", "lost", "pause (s)", "hand over (us) p50", "p99.9", box=None, pad_edge=False)
     for observed in found:
-        seen = observed.subscriber["messages"].values() if observed.subscriber is not None else []
-        handing = observed.cell["timing"]["publish_us"]
+        seen = observed.subscriber["messages"].values()
+        handing = observed.subscriber["publish_us"]
         table.add_row(
             observed.name,
             f"{observed.cell['steps']}",
             f"{sum(message['received'] for message in seen)}",
             f"{sum(message['missing'] for message in seen)}",
-            f"{observed.subscriber['longest_pause_s']:.2f}" if observed.subscriber is not None else "-",
+            f"{observed.subscriber['longest_pause_s']:.2f}",
             f"{handing['p50']:.1f}",
             f"{handing['p999']:.0f}",
         )
+    console.print(table)
+
+
+def _print_commands(console: Console, found: Sequence[Observed]) -> None:
+    """What came of the commands."""
+    table = Table("commands", "sent", "let in and answered", "accepted", "hold answered within (ms)", box=None, pad_edge=False)
+    for observed in found:
+        if (told := observed.commands) is not None:
+            counts = (f"{told[what]}" for what in ("sent", "answered", "accepted"))
+            table.add_row(observed.name, *counts, f"{1e3 * told['hold_max_s']:.1f}")
     console.print(table)
 
 
@@ -390,7 +450,7 @@ def run_soak(minutes: float, console: Console, log: Console) -> list[Observed]:
     """Run all cases and print the table.
 
     Args:
-        minutes: of the undisturbed case; the others have their own lengths, a minute and a half together.
+        minutes: of the undisturbed case; the others have their own lengths, two minutes together.
         console: for the table.
         log: for progress.
 
@@ -409,6 +469,7 @@ def run_soak(minutes: float, console: Console, log: Console) -> list[Observed]:
         found = [soak.undisturbed(minutes), *(soak.disturbed(case) for case in CASES)]
     _print_loop(console, found)
     _print_messages(console, found)
+    _print_commands(console, found)
     for observed in found:
         if observed.growth:
             grown = ", ".join(f"{process} {value:+.1f} MB" for process, value in observed.growth.items())

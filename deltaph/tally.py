@@ -12,10 +12,14 @@ from numpy.typing import NDArray
 from deltaph.execution import Trace, nearest_point
 from deltaph.frame import TIMING, Frame
 from deltaph.pacing import CAUSES, HISTOGRAM_US, histogram
+from deltaph.scenario import Task
 from deltaph.variables import variable_table
 
 CHUNK = 250
 """Frames that are evaluated at once, which takes some milliseconds of the sink's thread."""
+
+KEPT = 100
+"""Plans, the newest, of which the report tells what they were and how their corners were passed."""
 
 _OVERLAP = 3  # frames of the last chunk that are looked at again: the nearest point may lie between two chunks
 
@@ -31,16 +35,23 @@ class Begun(NamedTuple):
     Attributes:
         step: first communication point at which outputs are of it.
         number: of the plan.
-        vertices: of its corners (2, 3) [m].
-        prescribed: corner deviations (2,) [m].
+        task: what it does.
+        payload: that it is made for [kg].
         planned: corner deviations (2,) [m]; 0 where there is no corner.
     """
 
     step: int
     number: int
-    vertices: NDArray[np.float64]
-    prescribed: tuple[float, float]
+    task: Task
+    payload: float
     planned: tuple[float, float]
+
+    @property
+    def vertices(self) -> NDArray[np.float64]:
+        """Of its corners (2, 3) [m]."""
+        found = np.array([self.task.pick, self.task.place])
+        found[:, 2] += self.task.lift
+        return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +64,8 @@ class Pass:
         prescribed: corner deviation [m].
         planned: corner deviation [m].
         executed: corner deviation [m].
+        time: of the closest approach [s].
+        nearest: point of the executed path there (3,) [m].
     """
 
     plan: int
@@ -60,11 +73,21 @@ class Pass:
     prescribed: float
     planned: float
     executed: float
+    time: float
+    nearest: tuple[float, ...]
 
     @property
     def excess(self) -> float:
         """By how much more than prescribed it is [m]."""
         return self.executed - self.prescribed
+
+
+class _Approach(NamedTuple):
+    """How near the executed path has come to a vertex: distance [m], time [s] and point (3,) [m]."""
+
+    distance: float = np.inf
+    time: float = 0.0
+    point: tuple[float, ...] = (0.0, 0.0, 0.0)
 
 
 class Tally:
@@ -76,6 +99,7 @@ class Tally:
         corners: corners that were passed.
         kept: of those, within what is prescribed and the tolerance.
         worst: the one with the greatest excess; None before the first.
+        newest: the last plans that arrived, at most KEPT, with the corners that each passed.
 
     Args:
         tolerance: on the executed corner deviation [m].
@@ -85,10 +109,11 @@ class Tally:
         self.begun: deque[Begun] = deque()
         self.arrived = self.corners = self.kept = 0
         self.worst: Pass | None = None
+        self.newest: deque[tuple[Begun, list[Pass]]] = deque(maxlen=KEPT)
         self._tolerance = tolerance
         self._frames: list[Frame] = []
         self._running: Begun | None = None
-        self._nearest = np.full(2, np.inf)
+        self._nearest = [_Approach(), _Approach()]
         self._last: Frame | None = None
         self._step_max = self._lateness_max = self._error_max = 0.0
         self._step_us, self._lateness_us = (np.zeros(len(HISTOGRAM_US) + 1, dtype=np.int64) for _ in range(2))
@@ -117,17 +142,23 @@ class Tally:
             "plans": {
                 "accepted": integers.get("plan.count", 0),
                 "refused": integers.get("plan.refused", 0),
+                "cancelled": integers.get("plan.cancelled", 0),
                 "arrived": self.arrived,
                 "corners": self.corners,
                 "corners_kept": self.kept,
-                "worst": worst
-                and {
-                    "plan": worst.plan,
-                    "side": worst.side,
-                    "prescribed_m": worst.prescribed,
-                    "planned_m": worst.planned,
-                    "executed_m": worst.executed,
-                },
+                "worst": worst and _pass_facts(worst),
+                "newest": [
+                    {
+                        "plan": begun.number,
+                        "pick_m": list(begun.task.pick),
+                        "place_m": list(begun.task.place),
+                        "lift_m": list(begun.task.lift),
+                        "corner_deviation_m": list(begun.task.corner_deviation),
+                        "payload_kg": begun.payload,
+                        "corners": [_pass_facts(passed) for passed in corners],
+                    }
+                    for begun, corners in self.newest
+                ],
             },
             "executed": {
                 "tracking_error_tcp_max_m": self._error_max,
@@ -178,7 +209,7 @@ class Tally:
             begins = self.begun.popleft()
             self._approach([frame for frame in frames if frame.step < begins.step])
             self._finish(frames[-1])
-            self._running, self._nearest = begins, np.full(2, np.inf)
+            self._running, self._nearest = begins, [_Approach(), _Approach()]
         self._approach(frames)
 
     def _approach(self, frames: list[Frame]) -> None:
@@ -190,7 +221,9 @@ class Tally:
         trace = Trace(of_it)
         tool = trace["plant", "tcp_position"], trace["plant", "tcp_velocity"]
         for side, vertex in enumerate(running.vertices):
-            self._nearest[side] = min(self._nearest[side], nearest_point(trace.time, *tool, vertex)[0])
+            distance, time, point = nearest_point(trace.time, *tool, vertex)
+            if distance < self._nearest[side].distance:
+                self._nearest[side] = _Approach(distance, time, tuple(point.tolist()))
 
     def _finish(self, now: Frame) -> None:
         """The plan that was running has arrived; a plant that has tripped has not gone with it."""
@@ -200,11 +233,27 @@ class Tally:
         self.arrived += 1
         if self._integers(now)["trip"]:
             return
-        for side, executed in enumerate(self._nearest.tolist()):
+        corners: list[Pass] = []
+        self.newest.append((running, corners))
+        for side, (executed, time, point) in enumerate(self._nearest):
             if running.planned[side] == 0.0:
                 continue
-            passed = Pass(running.number, side, running.prescribed[side], running.planned[side], executed)
+            prescribed = running.task.corner_deviation[side]
+            passed = Pass(running.number, side, prescribed, running.planned[side], executed, time, point)
+            corners.append(passed)
             self.corners += 1
             self.kept += passed.excess <= self._tolerance
             if self.worst is None or passed.excess > self.worst.excess:
                 self.worst = passed
+
+
+def _pass_facts(passed: Pass) -> dict[str, Any]:
+    return {
+        "plan": passed.plan,
+        "side": passed.side,
+        "prescribed_m": passed.prescribed,
+        "planned_m": passed.planned,
+        "executed_m": passed.executed,
+        "time_s": passed.time,
+        "nearest_m": list(passed.nearest),
+    }

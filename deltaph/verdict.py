@@ -11,7 +11,7 @@ from typing import Any
 
 from deltaph.checks import deviation_tolerance
 from deltaph.fmu.sources import token
-from deltaph.report import WORST, corner_excess, found_text, payload_text, reductions, worst_corner, worst_corners
+from deltaph.report import WORST, corner_excess, found_text, payload_text, plans_text, reductions, worst_corner, worst_corners
 from deltaph.scenario import Scenario
 from deltaph.variables import variable_table
 
@@ -91,23 +91,57 @@ def serving_markdown(scenario: Scenario, facts: Mapping[str, Any]) -> str:
     """
     plans, timing, executed = facts["plans"], facts["timing"], facts["executed"]
     count, lost = plans["corners"], plans["corners"] - plans["corners_kept"]
-    verdict = f"Deviation NOT kept at {lost} of {count} corners" if lost else f"Deviation kept at all {count} corners"
+    tolerance, worst = deviation_tolerance(scenario), plans["worst"]
+    within = f" within the tolerance of {1e3 * tolerance:g} mm" if worst and corner_excess(worst) > 0.0 else ""
+    verdict = f"Deviation NOT kept at {lost} of {count} corners" if lost else f"Deviation kept{within} at all {count} corners"
     lines = [f"# {verdict if count else 'No corner was passed'}", ""]
     if executed["trip_time_s"] is not None:
         axis = f" of axis {executed['trip_axis']}" if executed["trip_axis"] else ""
         lines = [f"# TRIPPED at {executed['trip_time_s']:.3f} s: {executed['trip']}{axis}", "", *lines]
-    if plans["worst"]:
-        lines += [f"Worst: {worst_corner(plans['worst'])}.", ""]
+    if worst:
+        lines += [f"Worst: {worst_corner(worst)}.", ""]
     lines += [
         f"**{scenario.title}**: served for {facts['steps'] * facts['communication_step_s']:.3f} s, law `{scenario.law.name}`, "
-        f"{scenario.gains} gains. Plans: {plans['accepted']} accepted, {plans['refused']} refused, {plans['arrived']} arrived. "
+        f"{scenario.gains} gains. Plans: {plans_text(plans)}. "
         f"Tracking error at most {1e3 * executed['tracking_error_tcp_max_m']:.3f} mm at the tool.",
         "",
+        *_served_corners(facts, tolerance),
+        *_decisions(facts),
         f"{timing['missed_deadlines']} deadlines missed, {facts['telemetry']['dropped']} messages dropped.",
         "",
         *_provenance(scenario, facts["provenance"]),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _served_corners(facts: Mapping[str, Any], tolerance: float) -> Iterator[str]:
+    """The corners of the newest plans, worst first, and what the pictures beside them show."""
+    newest = facts["plans"]["newest"]
+    corners = sorted((corner for plan in newest for corner in plan["corners"]), key=corner_excess, reverse=True)
+    if not corners:
+        return
+    yield "| corner, mm, worst first | prescribed | planned | executed | margin | |"
+    yield "|---|---|---|---|---|---|"
+    for corner in corners[:WORST]:
+        yield _passed_row(f"plan {corner['plan']}, {SIDES[corner['side']]}", corner, tolerance)
+    yield ""
+    which = (
+        f"the {len(newest)} newest of {facts['plans']['arrived']} plans" if len(newest) < facts["plans"]["arrived"] else "the plans"
+    )
+    yield (
+        f"The pictures show {which} that arrived: planned paths, prescribed deviations (red), and where the tool came closest to "
+        "each vertex (orange). Around the cursor, the cell also shows the path as it was commanded (blue) and executed (orange)."
+    )
+    yield ""
+
+
+def _decisions(facts: Mapping[str, Any]) -> Iterator[str]:
+    """What became of commands; when, the events tell."""
+    decided = {command: outcomes for command, outcomes in facts["commands"].items() if outcomes}
+    if decided:
+        words = "; ".join(f"{name}: {', '.join(f'{n} {what}' for what, n in found.items())}" for name, found in decided.items())
+        yield f"Commands: {words}. The events tell when."
+        yield ""
 
 
 def _pace(facts: Mapping[str, Any]) -> str:
@@ -234,6 +268,10 @@ def _corners(facts: Mapping[str, Any], tolerance: float) -> Iterator[str]:
 def _row(name: str, corner: Mapping[str, Any], tolerance: float) -> str:
     if not corner["reached"]:
         return f"| {name} | | | not reached | | |"
+    return _passed_row(name, corner, tolerance)
+
+
+def _passed_row(name: str, corner: Mapping[str, Any], tolerance: float) -> str:
     margin = -corner_excess(corner)
     word = "kept" if margin >= 0.0 else "within tolerance" if margin >= -tolerance else "**NOT kept**"
     values = " | ".join(f"{1e3 * corner[key]:.3f}" for key in ("prescribed_m", "planned_m", "executed_m"))

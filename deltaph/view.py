@@ -26,7 +26,7 @@ def view_file(file: Path, log: Console) -> int:
         EnvironmentProblem: there is no such recording, or it cannot be read.
     """
     from deltaph.telemetry.repair import is_whole, repair
-    from deltaph.telemetry.viewer import rerun_binary
+    from deltaph.telemetry.viewer import rerun_binary, rerun_environment
 
     if not file.is_file():
         raise EnvironmentProblem(f"there is no recording {file}: write one with `deltaph run SCENARIO --record {file}`")
@@ -38,7 +38,7 @@ def view_file(file: Path, log: Console) -> int:
             f"{file} was not finished: what could be read of it is in {repaired}, which is opened", style="dim", soft_wrap=True
         )
         file = repaired
-    return subprocess.run([rerun_binary(), str(file), "--bind", "127.0.0.1"], check=False).returncode
+    return subprocess.run([rerun_binary(), str(file), "--bind", "127.0.0.1"], check=False, env=rerun_environment()).returncode
 
 
 def view_cell(cell: str, connect: Sequence[str], url: str | None, log: Console, zenoh_config: Path | None = None) -> None:

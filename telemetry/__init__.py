@@ -14,7 +14,7 @@ from deltaph.telemetry.keys import MESSAGE_NAMES, CellKeys, MessageName
 from deltaph.telemetry.messages import Layout, layout, schema_document
 from deltaph.telemetry.publisher import Publisher
 from deltaph.telemetry.scene import Scene
-from deltaph.telemetry.session import DEFAULT_ENDPOINT, open_router_session
+from deltaph.telemetry.session import DEFAULT_ENDPOINT, open_client_session, open_router_session
 from deltaph.telemetry.subscriber import Message, Subscriber
 
 if TYPE_CHECKING:
@@ -44,6 +44,7 @@ __all__ = [
     "Scene",
     "Subscriber",
     "layout",
+    "open_client_session",
     "open_router_session",
     "schema_document",
 ]

@@ -12,8 +12,8 @@ import rerun.blueprint as rrb
 from deltaph.telemetry import corner
 from deltaph.telemetry.axes import labelled
 from deltaph.telemetry.scene import UP, Scene
-from deltaph.telemetry.signals import CORNER, PLOT, color_of_plan, shown_unit
-from deltaph.telemetry.world import ARROWS, CORNERS, EXECUTED_PATH
+from deltaph.telemetry.signals import CORNER, MISSED_DEADLINES, PLOT, color_of_plan, shown_unit
+from deltaph.telemetry.world import ARROWS, COMMANDED_PATH, CORNERS, EXECUTED_PATH
 
 TRACE_SECONDS = 1.0
 """Of the executed path that the cell shows before and after the cursor: a whole run of hours would not scrub."""
@@ -51,7 +51,7 @@ def _cell(scene: Scene) -> rrb.Spatial3DView:
         origin="world",
         name="Cell",
         contents=["$origin/**"],
-        overrides={EXECUTED_PATH: _AROUND, ARROWS: rrb.EntityBehavior(visible=False)},
+        overrides={EXECUTED_PATH: _AROUND, COMMANDED_PATH: _AROUND, ARROWS: rrb.EntityBehavior(visible=False)},
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital,
             position=target - 2.15 * low * direction / np.linalg.norm(direction),
@@ -64,6 +64,8 @@ def _cell(scene: Scene) -> rrb.Spatial3DView:
 
 def _corner(scene: Scene, index: int) -> rrb.Spatial2DView:
     several = f", {len(scene.moves)} moves on top of each other" if len(scene.moves) > 1 else ""
+    if scene.served:
+        several = f", newest {len(scene.moves)} plans" if len(scene.moves) > 1 else ""
     return rrb.Spatial2DView(
         origin=f"corner/{CORNERS[index]}",
         name=f"{CORNERS[index].capitalize()} corner [mm]{several}",
@@ -136,8 +138,15 @@ def _joint_plot(scene: Scene, spans: Spans, words: str, quantity: str, si: str, 
 def _deviations(scene: Scene, spans: Spans) -> rrb.Container | rrb.View:
     """The distance to the vertices: of one move around each corner, of several over all of the time."""
     entity = f"{PLOT}path/deviation/**"
+    top = 4.0 * max(corner.size(scene, 0), corner.size(scene, 1))
+    if scene.served:
+        return rrb.Vertical(
+            _plot(spans, "Deviation at each corner [mm]: planned violet, executed orange, prescribed red", f"{corner.PASSES}/**"),
+            _plot(
+                spans, "Setpoint's distance to the nearer vertex [mm]", f"{PLOT}path/deviation/setpoint", within=(-0.05 * top, top)
+            ),
+        )
     if len(scene.moves) > 1:
-        top = 4.0 * max(corner.size(scene, 0), corner.size(scene, 1))
         planned = "violet" if color_of_plan(scene) == CORNER else "blue"
         return rrb.Vertical(
             _plot(spans, "Deviation at each corner [mm]: planned violet, executed orange, prescribed red", f"{corner.PASSES}/**"),
@@ -177,7 +186,7 @@ def blueprint(scene: Scene, *, live: bool = False, spans: Spans = _NO_SPANS) -> 
         plot("Tool tracking error, setpoint - actual [mm]: x red, y green, z blue", f"{PLOT}tcp/tracking_error"),
         plot(f"Joint tracking error [deg]: {joints}", f"{PLOT}joint/tracking_error"),
         rrb.StateTimelineView(name="Phase and trip", origin="/", contents=["operation", "phase", "trip"]),
-        row_shares=[3, 2.5, 2.5, 1.5] if len(scene.moves) == 1 else [5, 2, 2, 1.5],
+        row_shares=[3, 2.5, 2.5, 1.5] if len(scene.moves) == 1 and not scene.served else [5, 2, 2, 1.5],
         name="Deviation",
     )
     motion = rrb.Vertical(
@@ -206,11 +215,12 @@ def blueprint(scene: Scene, *, live: bool = False, spans: Spans = _NO_SPANS) -> 
         plot("Real-time factor", "timing/real_time_factor"),
         name="Timing",
     )
+    columns = rrb.TextLogColumns(timeline_columns=["sim_time"], text_log_columns=["LogLevel", "Body"])
     events = rrb.Vertical(
-        rrb.TextLogView(
-            name="Events",
-            origin="event",
-            columns=rrb.TextLogColumns(timeline_columns=["sim_time"], text_log_columns=["LogLevel", "Body"]),
+        rrb.Horizontal(
+            rrb.TextLogView(name="Events", origin="/", contents=["event"], columns=columns),
+            rrb.TextLogView(name="Missed deadlines", origin="/", contents=[MISSED_DEADLINES], columns=columns),
+            column_shares=[3, 2],
         ),
         rrb.StateTimelineView(name="Phase and trip", origin="/", contents=["operation", "phase", "trip"]),
         row_shares=[3, 1],

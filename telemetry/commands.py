@@ -1,12 +1,13 @@
 """Commands to a cell: queries to `deltaph/{cell}/command/{name}`, JSON both ways, SI, every one answered with one reply.
 
-A refusal is a reply too, with `accepted` false and the reason; only a query that names no single command gets an error.
+A refusal is a reply too, with `accepted` false and the reason; only a wildcard gets errors, one for each command that it means.
 """
 
 from __future__ import annotations
 
 import reprlib
 import threading
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -19,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import COMMANDS, NO_COMMANDS, OUTCOMES, Command, Outcome
 from deltaph.telemetry.keys import CellKeys
-from deltaph.telemetry.session import open_client_session, replies
+from deltaph.telemetry.session import COMMAND_RATE, open_client_session, replies
 
 MAX_REQUEST = 4096
 """A request is refused unread beyond this [bytes]."""
@@ -28,6 +29,8 @@ VERDICT_TIMEOUT = 5.0
 """A PPO is answered by then, if only with `failed` [s]."""
 
 _ANSWER_TIMEOUT = VERDICT_TIMEOUT + 1.0  # of a client [s]
+_PATIENCE = 1.0  # of a client whose queries end unanswered, much less than a query that is not answered in time takes [s]
+_PAUSE = 0.003  # between two of them: no multiple of the pause that a cell keeps between two commands [s]
 
 NonNegative = Annotated[float, Ge(0)]
 Point = tuple[float, float, float]
@@ -74,7 +77,7 @@ _MEANING: dict[Command, str] = {
     "ppo": "Plan a pick-and-place operation and run it; one may wait while another runs",
     "hold": "Stop on the path, with bounded jerk; what is accepted waits",
     "resume": "Go on after hold or stop, at the feed that was set last",
-    "stop": "As hold, and refuse every ppo until resume. What was accepted before goes on then: the planner cannot forget it",
+    "stop": "As hold; discard what waits or is being planned, and refuse every ppo until resume, when what runs goes on",
     "feed": "Set the path-speed override",
 }
 
@@ -121,6 +124,9 @@ class Reply(_Model):
     plan: PlanFacts | None = Field(None, description="of an accepted ppo")
     refused: RefusedPlan | None = Field(None, description="of a ppo that is not planned")
     feed: FeedFacts | None = Field(None, description="of hold, resume, stop and feed")
+    discarded: int | None = Field(
+        None, description="of stop: requests that waited or were being planned, and never run; null where the cell ends first"
+    )
 
 
 def commands_schema() -> dict[str, Any]:
@@ -130,6 +136,7 @@ def commands_schema() -> dict[str, Any]:
         "key": "deltaph/{cell}/command/{name}",
         "encoding": "application/json",
         "max_request_bytes": MAX_REQUEST,
+        "max_rate_Hz": COMMAND_RATE,  # of each; what is more ends unanswered
         "requests": {
             name: {"description": _MEANING[name], "schema": model.model_json_schema()} for name, model in REQUESTS.items()
         },
@@ -149,6 +156,10 @@ class Cell(Protocol):
         """Take hold, resume, stop or feed. At once, one call at a time."""
         ...
 
+    def discarded(self) -> int | None:
+        """How many requests the last stop has discarded; waits until it is known, some steps. None: the cell ends first."""
+        ...
+
     def ppo(self, request: PpoRequest) -> Reply:
         """Take a PPO; may wait. One call at a time, in a thread of its own."""
         ...
@@ -157,9 +168,10 @@ class Cell(Protocol):
 class CommandService:
     """Answers the commands to a cell.
 
-    The override is taken in Zenoh's thread, at once and always: a hold is heard in a flood. A PPO is handed to a thread of its own,
-    one at a time; what comes meanwhile is refused as busy. The step loop never waits for either, but Zenoh's threads and the loop
-    share the interpreter: a flood makes steps late by tenths of a millisecond. An access list says who may command.
+    The override is taken in Zenoh's thread, at once and always: a hold is heard in a flood. A stop is in force as soon; its answer
+    says what it has discarded, which takes two steps more. A PPO is handed to a thread of its own, one at a time; what comes
+    meanwhile is refused as busy. The step loop never waits for either, but Zenoh's threads and the loop share the interpreter, so
+    that of a flood the session lets in no more than COMMAND_RATE of each command. An access list says who may command.
 
     Attributes:
         counts: commands so far by outcome (COMMANDS, OUTCOMES); replaced, never written.
@@ -182,13 +194,15 @@ class CommandService:
         self._come = threading.Semaphore(0)
         self._thread = threading.Thread(target=self._work, name="ppo", daemon=True)
         self._thread.start()
-        self._queryable = session.declare_queryable(self._keys.commands, self._on_query)
+        # One for each key, and none for others: a query to what is no command ends in Zenoh, without a look at it here.
+        self._queryables = [session.declare_queryable(self._keys.command(name), self._on_query) for name in REQUESTS]
 
     def close(self) -> None:
         """Take no more, and wait until what is under way is answered. A second call does nothing."""
         if not self._thread.is_alive():
             return
-        self._queryable.undeclare()  # type: ignore[no-untyped-call]
+        for queryable in self._queryables:
+            queryable.undeclare()  # type: ignore[no-untyped-call]
         self._come.release()
         self._thread.join()
 
@@ -197,7 +211,7 @@ class CommandService:
         command = next((name for name in REQUESTS if key == self._keys.command(name)), None)
         if command is None:
             self._count("none", "invalid")
-            query.reply_err(f"{key} is no command: known are {', '.join(map(self._keys.command, REQUESTS))}".encode())
+            query.reply_err(f"{key} is no single command: known are {', '.join(map(self._keys.command, REQUESTS))}".encode())
             return
         if command == "ppo":
             with self._lock:
@@ -226,7 +240,9 @@ class CommandService:
             return
         with self._lock:
             feed = self._cell.override(command, request.value if isinstance(request, FeedRequest) else None)
-        self._reply(query, Reply(command=command, accepted=True, outcome="accepted", time=self._cell.time, feed=feed))
+            at = self._cell.time
+        discarded = self._cell.discarded() if command == "stop" else None
+        self._reply(query, Reply(command=command, accepted=True, outcome="accepted", time=at, feed=feed, discarded=discarded))
 
     def _work(self) -> None:
         """Decide one PPO after the other."""
@@ -278,7 +294,8 @@ def sentence(reply: Reply) -> str:
     if reply.feed is not None:
         feed = reply.feed
         state = "stopped" if feed.stopped else "held" if feed.held else "runs"
-        return f"accepted: {state}, feed {feed.value:g}, from {reply.time:.3f} s on"
+        discarded = "" if reply.discarded is None else f", {reply.discarded} discarded"
+        return f"accepted: {state}, feed {feed.value:g}, from {reply.time:.3f} s on{discarded}"
     return "accepted"
 
 
@@ -344,7 +361,7 @@ class CommandClient:
         return self._send("resume", NoRequest())
 
     def stop(self) -> Reply:
-        """Stop on the path, and refuse every PPO until `resume`."""
+        """Stop on the path, discard what waits or is being planned, and refuse every PPO until `resume`."""
         return self._send("stop", NoRequest())
 
     def feed(self, value: float) -> Reply:
@@ -356,6 +373,13 @@ class CommandClient:
         if not self._session.is_closed():
             self._session.close()  # type: ignore[no-untyped-call]
 
+    def _answers(self, key: str, payload: bytes) -> list[zenoh.Reply]:
+        """What comes back. A query that ends at once has reached no cell, or came in a flood: it is sent again for a while."""
+        patience = time.monotonic() + _PATIENCE
+        while not (answers := replies(self._session, key, _ANSWER_TIMEOUT, payload)) and time.monotonic() < patience:
+            time.sleep(_PAUSE)
+        return answers
+
     def _send(self, command: Command, request: BaseModel) -> Reply:
         """Send a command.
 
@@ -363,8 +387,7 @@ class CommandClient:
             EnvironmentProblem: no cell takes it, or what answers is none of this version.
         """
         key = self._keys.command(command)
-        answers = replies(self._session, key, _ANSWER_TIMEOUT, request.model_dump_json(exclude_none=True).encode())
-        for answer in answers:
+        for answer in self._answers(key, request.model_dump_json(exclude_none=True).encode()):
             if answer.ok is not None:
                 try:
                     return Reply.model_validate_json(answer.ok.payload.to_bytes())
@@ -374,5 +397,5 @@ class CommandClient:
                     ) from error
         raise EnvironmentProblem(
             f"cell {self._keys.cell} takes no commands: start it with `deltaph run SCENARIO --serve`, "
-            f"or give its own --cell and --connect"
+            f"or give its own --cell and --connect; or this client's certificate may not command"
         )

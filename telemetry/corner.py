@@ -87,6 +87,17 @@ def marks(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str, Any]
         )
 
 
+def approaches(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str, Any]]:
+    """Of served moves: where the executed path came closest to its vertex in each pass. The path itself is not drawn here."""
+    for corner, name in enumerate(CORNERS):
+        of_side = [mark for mark in found if mark.corner == corner]
+        if of_side:
+            seen = [scene.moves[mark.move].seen_from(corner, np.array(mark.nearest)) for mark in of_side]
+            yield f"corner/{name}/approaches", rr.Points2D(seen, colors=[EXECUTED], radii=[pixels(2.5)], draw_order=4.0)
+            points = rr.Points3D([mark.nearest for mark in of_side], colors=[EXECUTED], radii=[pixels(2.5)])
+            yield f"world/corner/{name}/approaches", points
+
+
 def _excess(scene: Scene, mark: CornerMark) -> float:
     """By how much the executed path of a pass is further away from the vertex than prescribed [m]."""
     return mark.executed - float(scene.moves[mark.move].corner_deviation[mark.corner])
@@ -100,8 +111,8 @@ def passes(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str, Any
     """Entities, styles and values of the deviation at each corner in order of time: prescribed, planned and executed [mm]."""
     prescribed = [float(scene.moves[mark.move].corner_deviation[mark.corner]) for mark in found]
     for name, values, color, size in (
-        ("executed", [mark.executed for mark in found], EXECUTED, 3.5),
-        ("planned", [mark.planned for mark in found], CORNER, 3.5),
+        ("executed", [mark.executed for mark in found], EXECUTED, 5.0),  # seen as a rim where the next one covers it
+        ("planned", [mark.planned for mark in found], CORNER, 3.0),
         ("prescribed", prescribed, LIMIT, 1.5),
     ):
         names = [f"corner deviation {name} [mm]"]

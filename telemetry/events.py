@@ -12,7 +12,15 @@ from deltaph.frame import COMMANDS, NO_COMMANDS, OUTCOMES, TIMING, Frame
 from deltaph.variables import Model, variable_table
 
 EventKind = Literal[
-    "plan_accepted", "plan_refused", "phase", "trip", "missed_deadline", "dropped", "command_accepted", "command_refused"
+    "plan_accepted",
+    "plan_refused",
+    "phase",
+    "trip",
+    "missed_deadline",
+    "dropped",
+    "command_accepted",
+    "command_refused",
+    "plan_cancelled",
 ]
 
 EVENT_KINDS: tuple[EventKind, ...] = get_args(EventKind)
@@ -33,7 +41,7 @@ EVENT_INTEGERS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ("trip", variable_table("plant").items("Trip"), "trip: why the plant has tripped"),
     ("axis", (), "trip: the axis, 1 to 3; 0 where none is meant"),
     ("count", (), "How many of this kind so far; of commands: with this outcome; dropped: frames missing before this one"),
-    ("command", COMMANDS, "command_accepted, command_refused: which command; none: a query to no command"),
+    ("command", COMMANDS, "command_accepted, command_refused: which command; none: a query to no single one"),
     ("outcome", OUTCOMES, "command_accepted, command_refused: what became of it; infeasible: plan_refused has the numbers"),
 )
 """Name, items and description of the Int32 fields of an event."""
@@ -82,6 +90,7 @@ class _State(NamedTuple):
     step: int
     accepted: int
     refused: int
+    cancelled: int
     phase: int
     trip: int
     missed: int
@@ -91,18 +100,19 @@ class EventWatch:
     """Compares each frame with the one before; before the first one is rest without a plan."""
 
     def __init__(self) -> None:
-        self._before = _State(-1, 0, 0, 0, 0, 0)
+        self._before = _State(-1, 0, 0, 0, 0, 0, 0)
         self._commands = NO_COMMANDS
         self._planner, self._planner_floats = _columns("planner", floats=False), _columns("planner", floats=True)
         self._plant = _columns("plant", floats=False)
 
     def see(self, frame: Frame) -> list[Event]:
-        """The events of a frame, in the order of EVENT_KINDS but a loss first: it may hide others."""
+        """The events of a frame, in the order of EVENT_KINDS, but first a loss, which may hide others, and a cancel."""
         planner, plant = frame.planner_integers, frame.plant_integers
         now = _State(
             frame.step,
             int(planner[self._planner["plan.count"]]),
             int(planner[self._planner["plan.refused"]]),
+            int(planner[self._planner["plan.cancelled"]]),
             int(planner[self._planner["path.phase"]]),
             int(plant[self._plant["trip"]]),
             int(frame.timing[_MISSED]),
@@ -120,6 +130,8 @@ class EventWatch:
         status = int(frame.planner_integers[self._planner["plan.status"]])
         if now.step > before.step + 1:
             yield event(frame, "dropped", count=now.step - before.step - 1)
+        if now.cancelled != before.cancelled:
+            yield event(frame, "plan_cancelled", status=status, count=now.cancelled)
         if now.accepted != before.accepted:
             yield event(frame, "plan_accepted", status=status, count=now.accepted, duration=floats["plan.duration"])
         if now.refused != before.refused:
@@ -164,6 +176,8 @@ def sentence(record: np.void) -> str:
             return f"plan {count} accepted: {record['duration']:g} s"
         case "plan_refused":
             return f"plan refused, {count} so far: {reason}, {numbers}"
+        case "plan_cancelled":
+            return f"plan cancelled before it began, {count} so far"
         case "phase":
             return f"phase {items['phase']}"
         case "trip":

@@ -46,11 +46,6 @@ class CellKeys:
         """Key expression of all the cell's messages."""
         return f"deltaph/{self.cell}/*"
 
-    @property
-    def commands(self) -> str:
-        """Key expression of all commands to the cell."""
-        return f"deltaph/{self.cell}/command/*"
-
     def command(self, name: Command) -> str:
         """The key of a command to the cell."""
         return f"deltaph/{self.cell}/command/{name}"

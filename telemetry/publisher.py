@@ -11,7 +11,7 @@ import zenoh
 from zenoh import ext
 
 from deltaph.errors import EnvironmentProblem
-from deltaph.frame import Frame
+from deltaph.frame import COMMANDS, Frame
 from deltaph.telemetry.events import EventWatch
 from deltaph.telemetry.keys import FRAME_MESSAGES, QUERY_NAMES, CellKeys, MessageName, QueryName
 from deltaph.telemetry.messages import layout, schema_document
@@ -22,6 +22,7 @@ HISTORY = 30_000
 """Messages of each kind that are kept for those who come late or have lost some: 30 s at 1 kHz, some 60 MB once it is full."""
 
 _HEARTBEAT = 0.5  # between two messages that tell Zenoh's own advanced subscribers how many there have been [s]
+_LINGER = 0.5  # after the summary, which tells a subscriber that it has lost the last messages: it may ask for them [s]
 _ADMIN_TIMEOUT = 1.0  # for what the session's own administration space answers [s]
 
 
@@ -68,14 +69,15 @@ class Publisher:
             raise EnvironmentProblem(
                 f"a cell {cell} is there already: give this one another name with --cell, or as `cell` under [run]"
             )
-        self._session, self.endpoints = open_cell_session(listen, connect, config)
+        commands = [self._keys.command(name) for name in COMMANDS]
+        self._session, self.endpoints = open_cell_session(listen, connect, config, commands)
         self._history = history
         self.published = 0
         self._last_step = -1
         self._plans = 0
-        self._decided = (0, 0)
+        self._decided = [0, 0, 0]
         integers = [v.name for v in variable_table("planner").of("output") if not v.is_float]
-        self._count, self._refused = integers.index("plan.count"), integers.index("plan.refused")
+        self._decisions = [integers.index(f"plan.{name}") for name in ("count", "refused", "cancelled")]
         self._answers: dict[QueryName, tuple[bytes, zenoh.Encoding]] = {}
         self._answer("schema", json.dumps(schema_document()))
         self._answer("scenario", scenario_json)
@@ -92,8 +94,8 @@ class Publisher:
         return self._session
 
     def take(self, frame: Frame) -> None:
-        """Publish a frame, what happened since the last one, and the plan where one was accepted or refused."""
-        decided = int(frame.planner_integers[self._count]), int(frame.planner_integers[self._refused])
+        """Publish a frame, what happened since the last one, and the plan where one was accepted, refused or cancelled."""
+        decided = frame.planner_integers[self._decisions].tolist()
         if decided != self._decided:
             self._decided = decided
             payload = self._plan.encode(frame, self._plans)
@@ -155,6 +157,8 @@ class Publisher:
                 attachment=json.dumps(self._last_numbers()),
                 congestion_control=block,
             )
+            if self.subscribers():
+                time.sleep(_LINGER)
         self._session.close()  # type: ignore[no-untyped-call]
 
     def _last_numbers(self) -> dict[MessageName, int]:

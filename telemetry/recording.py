@@ -13,14 +13,35 @@ from numpy.typing import NDArray
 
 from deltaph.frame import Frame
 from deltaph.telemetry.blueprint import blueprint
-from deltaph.telemetry.corner import executed_entity, marks, near, passes, still_corners
+from deltaph.telemetry.corner import approaches, executed_entity, marks, near, passes, still_corners
 from deltaph.telemetry.destination import Destination, RecordingFile
-from deltaph.telemetry.events import EventWatch, level, sentence
+from deltaph.telemetry.events import EVENT_KINDS, EventWatch, level, sentence
 from deltaph.telemetry.keys import FRAME_MESSAGES, MessageName
 from deltaph.telemetry.messages import Layout, Records, layout
 from deltaph.telemetry.scene import CornerMark, FloatArray, Scene
-from deltaph.telemetry.signals import ERROR_STEPS, PLOT, TRACKING_ERRORS, Signal, every, is_held, limits, signals, style
-from deltaph.telemetry.world import CORNERS, EXECUTED_PATH, POSE_STEPS, TRACE_STEPS, MovingWorld, still_world, trace
+from deltaph.telemetry.signals import (
+    ERROR_STEPS,
+    MISSED_DEADLINES,
+    PLOT,
+    TRACKING_ERRORS,
+    Signal,
+    every,
+    is_held,
+    limits,
+    signals,
+    style,
+)
+from deltaph.telemetry.world import (
+    COMMANDED_PATH,
+    CORNERS,
+    EXECUTED_PATH,
+    POSE_STEPS,
+    TRACE_STEPS,
+    MovingWorld,
+    still_moves,
+    still_world,
+    trace,
+)
 
 APPLICATION_ID = "deltaph"
 
@@ -52,13 +73,14 @@ class Recorder:
         self._limits = list(limits(scene))
         self._world = MovingWorld(scene)
         self._waiting = np.empty(0, layout("actual").dtype)  # from the end of the last piece of the trace on
+        self._commanded = np.empty(0, layout("setpoint").dtype)  # likewise
         self._lanes: dict[str, int] = {}
         self._watch = EventWatch()
         self._events: list[np.void] = []
         self._held: dict[str, tuple[float, int]] = {}  # value and step of the last row
         self._last: dict[MessageName, Records] = {}  # one record each
         self._spans: dict[str, tuple[float, float]] = {}  # least and greatest value of each entity
-        self._summary: tuple[str, str, Sequence[CornerMark]] | None = None
+        self._summary: tuple[str, str, Sequence[CornerMark], Scene | None] | None = None
         self._closed = False
         self._scene = scene
         self._still = list(self._stills())
@@ -94,9 +116,16 @@ class Recorder:
     def _next_end(self, step: int) -> int:
         return (step // self._chunk + 1) * self._chunk
 
-    def summary(self, markdown: str, summary_json: str, corners: Sequence[CornerMark] = ()) -> None:
-        """The verdict that `close` writes: a text to read, the facts, and the closest approach of each pass in order of time."""
-        self._summary = markdown, summary_json, corners
+    def summary(self, markdown: str, summary_json: str, corners: Sequence[CornerMark] = (), scene: Scene | None = None) -> None:
+        """The verdict that `close` writes.
+
+        Args:
+            markdown: a text to read.
+            summary_json: the facts.
+            corners: the closest approach of each pass in order of time.
+            scene: with the moves that were run, where they were not known before.
+        """
+        self._summary = markdown, summary_json, corners, scene
 
     def close(self) -> None:
         """Write what is left and finish the file. A second call does nothing.
@@ -113,13 +142,20 @@ class Recorder:
             self._write_held_ends()
             if len(self._waiting) > 1:
                 self._write_motion(self._waiting[:0], last=True)
+            if len(self._commanded) > 1:
+                self._write_commanded(self._commanded[:0], last=True)
             if self._summary is not None and self._open_stream is not None:
-                markdown, facts, corners = self._summary
+                markdown, facts, corners, scene = self._summary
+                if scene is not None:
+                    self._scene = scene
+                    for entity, archetype in (*still_world(scene), *still_moves(scene), *still_corners(scene)):
+                        self._stream.log(entity, archetype, static=True, strict=True)
                 self._stream.log("summary", _text(markdown), static=True, strict=True)
                 self._stream.send_property("summary", rr.AnyValues(json=facts))
-                for entity, archetype in marks(self._scene, corners):
+                of_passes = approaches(self._scene, corners) if self._scene.served else ()
+                for entity, archetype in (*marks(self._scene, corners), *of_passes):
                     self._stream.log(entity, archetype, static=True, strict=True)
-                if len(corners) > len(CORNERS):
+                if len(corners) > len(CORNERS) or self._scene.served:
                     self._write_passes(corners)
                 self._destination.written(self._stream)
             if self._open_stream is not None and not self._destination.live:  # somebody may be changing the layout of a live one
@@ -148,7 +184,9 @@ class Recorder:
     def _stills(self) -> Iterator[tuple[str, Any]]:
         yield "summary", _text(f"# {self._scene.title}\n\nLaw `{self._scene.law}`. The verdict comes at the end of the run.")
         yield from still_world(self._scene)
-        yield from still_corners(self._scene)
+        if not self._scene.served:
+            yield from still_moves(self._scene)
+            yield from still_corners(self._scene)
         yield from self._world.styles()
         lines = {signal.entity: signal.names for signal in self._signals}
         lines |= {limit.entity: limit.names for limit in self._limits}
@@ -192,6 +230,8 @@ class Recorder:
                 self._write_lane(entity, records, layout(name), field)
         if name == "actual":
             self._write_motion(records)
+        if name == "setpoint" and self._scene.served:
+            self._write_commanded(records)
         if name == "setpoint" and len(self._scene.moves) > 1:
             self._write_operations(records)
         if name == "setpoint":
@@ -236,6 +276,17 @@ class Recorder:
         else:
             self._waiting = waiting
 
+    def _write_commanded(self, setpoint: Records, *, last: bool = False) -> None:
+        """The setpoints' trace, in pieces that end where those of the executed one do."""
+        waiting = np.concatenate([self._commanded, setpoint])
+        ends = _begins(waiting, TRACE_STEPS)
+        if last and len(waiting) - 1 not in (0, *ends):
+            ends.append(len(waiting) - 1)
+        self._commanded = waiting[ends[-1] :] if ends else waiting
+        if ends:
+            tcp = layout("setpoint").values(waiting, "tcp_position")
+            self._send(COMMANDED_PATH, _index(waiting[ends]), trace([tcp[a : b + 1] for a, b in pairwise([0, *ends])]))
+
     def _write_robot(self, poses: Records) -> None:
         index = _index(poses)
         for entity, columns in self._world.rows(poses):
@@ -247,6 +298,8 @@ class Recorder:
         pieces = [tcp[first : last + 1] for first, last in pairwise([0, *ends])]
         shown = records[ends]
         self._send(EXECUTED_PATH, _index(shown), trace(pieces))
+        if self._scene.served:  # the corners are not known yet
+            return
         moves = self._scene.move_at(records["time"][[0, *ends[:-1]]])
         for corner in range(len(CORNERS)):
             self._write_corner(corner, moves, pieces, shown)
@@ -280,10 +333,15 @@ class Recorder:
         """What happened before a step, or all of it, in words."""
         due = [event for event in self._events if end is None or event["step"] < end]
         self._events = [event for event in self._events if end is not None and event["step"] >= end]
-        events = np.array(due, dtype=layout("event").dtype)
-        if len(events):
-            texts = rr.TextLog.columns(text=[sentence(event) for event in events], level=[level(event) for event in events])
-            self._send("event", _index(events, step="step"), texts)
+        missed = EVENT_KINDS.index("missed_deadline")
+        for entity, found in (
+            ("event", [event for event in due if event["kind"] != missed]),
+            (MISSED_DEADLINES, [event for event in due if event["kind"] == missed]),
+        ):
+            if found:
+                events = np.array(found, dtype=layout("event").dtype)
+                texts = rr.TextLog.columns(text=[sentence(event) for event in found], level=[level(event) for event in found])
+                self._send(entity, _index(events, step="step"), texts)
 
     def _write_lane(self, entity: str, records: Records, message: Layout, field: str) -> None:
         """A row where an enumeration changes."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from rerun.chunk import RrdReader
 
 from deltaph.errors import EnvironmentProblem
-from deltaph.telemetry.viewer import rerun_binary
+from deltaph.telemetry.viewer import rerun_binary, rerun_environment
 
 
 def is_whole(path: Path) -> bool:
@@ -30,7 +30,7 @@ def repair(path: Path, repaired: Path) -> None:
         EnvironmentProblem: nothing can be read.
     """
     command = [str(rerun_binary()), "rrd", "optimize", "--continue-on-error", str(path), "-o", str(repaired)]
-    done = subprocess.run(command, capture_output=True, check=False)
+    done = subprocess.run(command, capture_output=True, check=False, env=rerun_environment())
     if done.returncode != 0 or not is_whole(repaired):
         repaired.unlink(missing_ok=True)
         raise EnvironmentProblem(f"{path} is no recording, or nothing of it can be read")

@@ -74,6 +74,8 @@ class Scene:
         law: name of the motion law.
         scenario_json: the scenario.
         moves: the operations in order of time, at least one.
+        served: whether moves come from commands: none is known before the end of the recording, where `Recorder.summary` is given
+            another scene with those that were run; until then `moves` only tell where to look.
         period: after which the moves repeat [s]; None where what comes after them repeats the last one, there or back.
         clock: times (n,) [s] -> where the clock of the moves is then (n,) [s]; the time, unless they are slowed down.
         limits: `joint_velocity`, `joint_acceleration`, `joint_torque` or `tcp_speed` -> one value or one per joint, SI;
@@ -92,6 +94,7 @@ class Scene:
     law: str
     scenario_json: str
     moves: Sequence[Move]
+    served: bool = False
     period: float | None = None
     clock: Callable[[FloatArray], FloatArray] = lambda time: time
     limits: Mapping[str, float | Sequence[float]] = field(default_factory=dict)

@@ -124,12 +124,18 @@ def _free_port() -> int:
         return port
 
 
+COMMAND_RATE = 100.0
+"""Queries that a cell lets in for each command [1/s]. Zenoh ends the others, unanswered, before they cost the interpreter anything,
+which the step loop shares: a flood of one command disturbs neither the loop nor the other commands."""
+
+
 def open_cell_session(
-    listen: Sequence[str] = (), connect: Sequence[str] = (), config: Path | None = None
+    listen: Sequence[str] = (), connect: Sequence[str] = (), config: Path | None = None, commands: Sequence[str] = ()
 ) -> tuple[zenoh.Session, tuple[str, ...]]:
     """Open the session of a cell: a peer that listens.
 
     Args:
+        commands: key expressions whose queries are let in at COMMAND_RATE each, unless the file has `downsampling` of its own.
         listen: endpoints that are asked for; without any those of the configuration file; without those the default one, or a
             free port of this machine where that is taken.
         connect: endpoints to connect to as well; those that are not there yet are tried again and again.
@@ -144,17 +150,21 @@ def open_cell_session(
     settings = _Settings("peer", config)
     listen = listen or settings.endpoints("listen")
     connect = connect or settings.endpoints("connect")
-    admin = {"enabled": True}  # it is what tells the publisher who subscribes
+    rules = [{"key_expr": key, "freq": COMMAND_RATE} for key in commands]
+    more: dict[str, Any] = {
+        "adminspace": {"enabled": True},  # it is what tells the publisher who subscribes
+        "downsampling": [{"id": "commands", "flows": ["ingress"], "messages": ["query"], "rules": rules}] if rules else [],
+    }
     if listen:
-        return _open(settings, listen, connect, adminspace=admin), tuple(listen)
+        return _open(settings, listen, connect, **more), tuple(listen)
     try:
-        return _open(settings, [DEFAULT_ENDPOINT], connect, adminspace=admin), (DEFAULT_ENDPOINT,)
+        return _open(settings, [DEFAULT_ENDPOINT], connect, **more), (DEFAULT_ENDPOINT,)
     except EnvironmentProblem as taken:
         problem = taken
     for _ in range(_FREE_PORT_ATTEMPTS):  # another process can be faster at a free port
         endpoint = f"tcp/127.0.0.1:{_free_port()}"
         try:
-            return _open(settings, [endpoint], connect, adminspace=admin), (endpoint,)
+            return _open(settings, [endpoint], connect, **more), (endpoint,)
         except EnvironmentProblem as lost:
             problem = lost
     raise problem

@@ -37,6 +37,9 @@ _SHOWN = {
 PLOT = "plot/"
 """Prefix of what is shown in a unit for people; the same entity without it is SI."""
 
+MISSED_DEADLINES = "event/missed_deadline"
+"""Events of their own entity: on a busy machine they would bury the others."""
+
 POSITION_STEPS, ERROR_STEPS = 5, 2
 """Communication steps between two rows of a plot: a screen does not show more, and the SI entity has all of them."""
 
@@ -153,14 +156,15 @@ def signals(scene: Scene) -> list[Signal]:
     """
     found = [signal for message in ("setpoint", "actual", "timing") for signal in _fields(message)]
     found += [Signal(f"tcp/speed/{m}", m, (f"tcp.speed {m} [m/s]",), partial(_speed, m)) for m in ("setpoint", "actual")]
-    found.append(
-        Signal(
-            "path/deviation/actual",
-            "actual",
-            ("path.vertex_distance actual [m]",),
-            lambda records: scene.vertex_distance(records["time"], layout("actual").values(records, "tcp_position")),
+    if not scene.served:  # the vertices are known while it runs
+        found.append(
+            Signal(
+                "path/deviation/actual",
+                "actual",
+                ("path.vertex_distance actual [m]",),
+                lambda records: scene.vertex_distance(records["time"], layout("actual").values(records, "tcp_position")),
+            )
         )
-    )
     plotted = [_plotted(signal, scene) for signal in found if signal.entity.rpartition("/")[0] in _PLOTTED]
     return [*found, *plotted, _step_times()]
 
@@ -233,7 +237,7 @@ def limits(scene: Scene) -> Iterator[Limit]:
     """The limits of what is recorded: one line where all joints have the same, and for joints the same below zero."""
     units = {signal.entity.rpartition("/")[0]: signal.names[0].rpartition(" ")[2] for signal in signals(scene)}
     lines: list[tuple[str, str, tuple[float, ...]]] = [
-        ("path/deviation", "limit", tuple(np.unique(scene.corner_deviation).tolist())),
+        ("path/deviation", "limit", () if scene.served else tuple(np.unique(scene.corner_deviation).tolist())),
         ("joint/position", "limit", scene.joint_range[1:]),
         ("joint/position", "limit_below", scene.joint_range[:1]),
     ]

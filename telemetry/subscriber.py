@@ -24,6 +24,7 @@ from deltaph.telemetry.session import open_client_session, replies
 _ANSWER_TIMEOUT = 2.0  # [s]
 _KEPT_TIMEOUT = 10.0  # for the messages that the publisher kept: there may be many [s]
 _QUIET = 0.5  # the end of the token may overtake messages; those that are under way are here by then [s]
+_LATE = 5.0  # the summary has this long to come after the token went, which overtakes it: a busy machine sends late [s]
 _RETURN = 10.0  # a connection that was lost has this long to come back, as when a router restarts [s]
 
 
@@ -48,6 +49,7 @@ class _Stream:
         order: puts them in order.
         query: number of the query that it waits for, and when to give it up; None where it waits for none.
         newest: last sequence number that was passed on.
+        asked_for_rest: whether it has been asked for what the summary says to be missing at the end.
     """
 
     def __init__(self, subscriber: Subscriber, message: Layout, kept: str) -> None:
@@ -56,6 +58,7 @@ class _Stream:
         self.order = Order(lambda first, last: subscriber._ask(self, first, last))
         self.query: tuple[int, float] | None = None
         self.newest: int | None = None
+        self.asked_for_rest = False
 
 
 class _Answered(NamedTuple):
@@ -170,13 +173,15 @@ class Subscriber:
         """The messages as they come; ends when the cell has gone and all that it sent is here.
 
         A connection that is lost is made again, and what was sent meanwhile is asked for; where it stays away for 10 s, that is the
-        end.
+        end. A cell that goes without a summary is waited for 5 s longer: the summary, its last message, may be late.
 
         Args:
             seconds: end after so long in any case; None does not. The next call goes on where this one ended.
         """
         end = None if seconds is None else time.monotonic() + seconds
         while end is None or time.monotonic() < end:
+            if self._last:
+                self._ask_for_the_rest()
             asking = [stream for stream in list(self._streams.values()) if stream.query is not None]
             yield from self._give_up(asking)
             if self._gone is not None and self._summary is not None and not asking and self._samples.empty():
@@ -184,8 +189,10 @@ class Subscriber:
             try:
                 sample = self._samples.get(timeout=self._patience(end, waiting=self._gone is not None or bool(asking)))
             except Empty:
-                if self._gone is not None and not asking and (self._connected() or time.monotonic() > self._gone + _RETURN):
-                    break
+                if self._gone is not None and not asking:
+                    more = _LATE if self._connected() else _RETURN  # only a connection that lives can still bring the summary
+                    if time.monotonic() > self._gone + more:
+                        break
                 continue
             if isinstance(sample, _Answered):
                 if sample.stream.query is not None and sample.stream.query[0] == sample.query:
@@ -207,9 +214,8 @@ class Subscriber:
             return
         for stream in self._streams.values():
             yield from self._passed_on(stream, stream.order.rest())
-        for stream in self._streams.values():
-            last = self._last.get(stream.layout.key, -1)
-            if stream.newest is not None and stream.newest < last and self._is_newest(stream):
+        for stream, last in self._unfinished():
+            if stream.newest is not None:
                 self.missing[stream.layout.key] += last - stream.newest
                 stream.newest = last
 
@@ -280,8 +286,18 @@ class Subscriber:
         session, _, entity = rest.partition("/")
         return key, session, int(entity.partition("/")[0])
 
-    def _is_newest(self, stream: _Stream) -> bool:
-        return [other for other in self._streams.values() if other.layout is stream.layout][-1] is stream
+    def _ask_for_the_rest(self) -> None:
+        """What was lost at the end shows in the summary alone, as no later message tells of a gap; the cell waits for this."""
+        for stream, _ in self._unfinished():
+            if stream.query is None and not stream.asked_for_rest:
+                stream.asked_for_rest = True
+                stream.order.catch_up()
+
+    def _unfinished(self) -> list[tuple[_Stream, int]]:
+        """The streams whose end is not here, with the number of their last message, which the summary tells."""
+        newest = {stream.layout.key: stream for stream in self._streams.values()}  # of a kind: the last that opened
+        ends = [(stream, self._last.get(name, -1)) for name, stream in newest.items()]
+        return [(stream, last) for stream, last in ends if last > (-1 if stream.newest is None else stream.newest)]
 
     def _ask(self, stream: _Stream, first: int | None, last: int | None) -> None:
         """Ask for messages that a publisher kept; what comes, and that nothing more comes, goes where the messages go."""

@@ -25,6 +25,16 @@ def rerun_binary() -> Path:
     return Path(rerun_cli.__file__).with_name("rerun")
 
 
+def rerun_environment() -> dict[str, str]:
+    """The environment of a Rerun program that is started here: it stores and sends nothing on its use.
+
+    The viewer and `rerun rrd` note in the user's home what they are used for, and from the second time on send it to its makers.
+    Rerun 0.41 listens to no variable of its own against that, but to CI; its switch, `rerun analytics disable`, would change the
+    user's other uses of Rerun. Recording itself notes nothing.
+    """
+    return {**os.environ, "CI": "true"}
+
+
 class StartedViewer(NamedTuple):
     """A viewer that runs.
 
@@ -61,7 +71,7 @@ def start_viewer(options: Sequence[str] = ()) -> StartedViewer:
         *options,
     ]
     with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as complaints:  # a pipe would end with this process
-        environment = {**os.environ, "RUST_LOG": "error"}
+        environment = {**rerun_environment(), "RUST_LOG": "error"}
         viewer = subprocess.Popen(command, stderr=complaints, stdout=subprocess.DEVNULL, env=environment, start_new_session=True)
         deadline = time.monotonic() + _STARTUP
         while viewer.poll() is None and time.monotonic() < deadline:

@@ -13,6 +13,8 @@ from deltaph.telemetry.scene import UP, FloatArray, Scene
 from deltaph.telemetry.signals import CORNER, EXECUTED, LIMIT, PLANNED
 
 EXECUTED_PATH = "world/path/executed"
+COMMANDED_PATH = "world/path/commanded"
+"""The setpoints' path, of served moves: what is planned is drawn where it is known before."""
 ARROWS = "world/arrows"
 CORNERS = ("pick", "place")
 
@@ -64,6 +66,10 @@ def still_world(scene: Scene) -> Iterator[tuple[str, Any]]:
             fill_mode="solid",
         ),
     )
+
+
+def still_moves(scene: Scene) -> Iterator[tuple[str, Any]]:
+    """Entities and archetypes of the moves: their paths, their ends and what is prescribed at their corners."""
     right_angles = [move.right_angle_path for move in scene.moves]
     yield "world/path/right_angle", rr.LineStrips3D(right_angles, colors=[_GREY], radii=[pixels(1.0)])
     yield "world/path/planned", rr.LineStrips3D([move.planned_path for move in scene.moves], colors=[PLANNED], radii=[pixels(3.0)])
@@ -116,6 +122,8 @@ class MovingWorld:
         if self._carries:
             yield "world/robot/payload", rr.Boxes3D.from_fields(colors=[_LOAD], fill_mode="solid")
         yield EXECUTED_PATH, rr.LineStrips3D.from_fields(colors=[EXECUTED], radii=[pixels(2.0)])
+        if self._scene.served:
+            yield COMMANDED_PATH, rr.LineStrips3D.from_fields(colors=[PLANNED], radii=[pixels(3.0)])
         yield f"{ARROWS}/velocity", rr.Arrows3D.from_fields(colors=[EXECUTED], radii=[0.004])
         yield f"{ARROWS}/rod_force", rr.Arrows3D.from_fields(colors=[LIMIT] * 3, radii=[0.004] * 3)
 

@@ -16,9 +16,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import rerun_cli
 from PIL import Image
 from rerun.experimental import ViewerClient
+
+from deltaph.telemetry.viewer import rerun_binary, rerun_environment
 
 ROOT = Path(__file__).parents[1]
 PICTURES = Path(__file__).parent / "pictures"
@@ -37,11 +38,9 @@ def viewer_of(recording: Path, size: str = "1600x1000") -> Iterator[ViewerClient
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    # The binary itself: the `rerun` script starts it as a child, and ending the script would orphan it.
-    binary = Path(rerun_cli.__file__).with_name("rerun")
     command = [
-        binary,
-        recording,
+        str(rerun_binary()),
+        str(recording),
         "--headless",
         "--bind",
         "127.0.0.1",
@@ -51,7 +50,8 @@ def viewer_of(recording: Path, size: str = "1600x1000") -> Iterator[ViewerClient
         size,
         "--hide-welcome-screen",
     ]
-    with subprocess.Popen(command, env={**os.environ, "XDG_RUNTIME_DIR": tempfile.gettempdir(), "RUST_LOG": "error"}) as viewer:
+    environment = {**rerun_environment(), "XDG_RUNTIME_DIR": tempfile.gettempdir(), "RUST_LOG": "error"}
+    with subprocess.Popen(command, env=environment) as viewer:
         try:
             yield loaded(f"rerun+http://127.0.0.1:{port}/proxy")
         finally:

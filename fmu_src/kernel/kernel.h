@@ -35,7 +35,8 @@ typedef enum dph_status {
     DPH_STATUS_NOT_AT_PICK,
     DPH_STATUS_LIMIT_EXCEEDED,
     DPH_STATUS_NO_LIMIT,
-    DPH_STATUS_PLANNING
+    DPH_STATUS_PLANNING,
+    DPH_STATUS_CANCELLED
 } dph_status;
 
 /* Phases of a PPO, numbered as Phase in ../planner/variables.toml. */

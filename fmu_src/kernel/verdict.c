@@ -108,6 +108,9 @@ void dph_verdict_text(const dph_verdict *verdict, char *text, int size)
     case DPH_STATUS_PLANNING:
         snprintf(text, n, "being planned");
         return;
+    case DPH_STATUS_CANCELLED:
+        snprintf(text, n, "cancelled before it began");
+        return;
     }
     snprintf(text, n, "unknown verdict %d", (int)verdict->status);
 }

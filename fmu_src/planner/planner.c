@@ -116,6 +116,23 @@ static void plan_on(Model *m, int units, const ModelLog *log)
         conclude(m, verdict, log);
 }
 
+/* A new value of task.cancel discards what waits or is being planned; 0 only re-arms. The robot will rest where the running PPO ends: a plan
+ * waits for no other. */
+static void take_cancel(Model *m, const ModelLog *log)
+{
+    int32_t cancel = m->v.task_cancel, last = m->last_cancel;
+    m->last_cancel = cancel;
+    if (cancel == last || cancel == 0 || !(m->is_waiting || m->is_planning))
+        return;
+    if (m->is_waiting)
+        memcpy(m->rest, m->running.task.place, sizeof m->rest);
+    m->is_waiting = m->is_planning = 0;
+    m->v.plan_status = (int32_t)DPH_STATUS_CANCELLED;
+    m->v.plan_required = m->v.plan_available = 0.0;
+    m->v.plan_cancelled += 1;
+    log->write(log->context, MESSAGE_EVENT, "request cancelled before it began");
+}
+
 /* A new value of task.trigger asks for a PPO with the inputs of this moment; 0 only re-arms. */
 static void take_request(Model *m, const ModelLog *log)
 {
@@ -183,9 +200,10 @@ int model_initialize(void *model, const ModelLog *log)
     m->away = 0.0;
     m->elapsed_ms = 0.0;
     m->last_trigger = 0;
+    m->last_cancel = m->v.task_cancel; /* there is nothing yet to discard */
     feed_start(&m->feed, m->v.feed);
     m->v.plan_status = (int32_t)DPH_STATUS_NONE;
-    m->v.plan_count = m->v.plan_refused = 0;
+    m->v.plan_count = m->v.plan_refused = m->v.plan_cancelled = 0;
     m->v.plan_required = m->v.plan_available = m->v.plan_duration = 0.0;
     m->v.plan_corner_deviation_pick = m->v.plan_corner_deviation_place = 0.0;
 
@@ -234,6 +252,7 @@ static void advance(Model *m, uint32_t n)
 void model_step(void *model, uint32_t n, const ModelLog *log)
 {
     Model *m = model;
+    take_cancel(m, log); /* first, so that one step can exchange what waits for another request */
     take_request(m, log);
     for (; n > 0 && m->is_planning; --n) { /* a slice each millisecond; what is ready then starts then */
         plan_on(m, DPH_SLICE, log);

@@ -18,7 +18,7 @@ typedef struct {
     double elapsed_ms;    /* on the running plan's clock, from -dwell to its duration; whole numbers unless the feed has slowed it */
     double away;          /* of the pick point being planned from where the robot rests [m] */
     int32_t has_run, is_running, is_waiting, is_planning;
-    int32_t last_trigger, unused;
+    int32_t last_trigger, last_cancel;
     dph_workspace workspace;
 } Model;
 

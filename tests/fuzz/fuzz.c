@@ -30,7 +30,7 @@ static unsigned char garbage[4096]; /* handed in as a state */
 static unsigned char *blob;         /* a serialized state, in memory of its exact size */
 static size_t blob_size;
 static unsigned long calls, steps, ended[STATUSES], logged;
-static int calm; /* for a while: few faults, values near the start values, so that instances get old */
+static int fuzz_calm; /* for a while: few faults, values near the start values, so that instances get old */
 
 /* ---- Randomness: xorshift64* (Vigna) --------------------------------------------------------------------------------------- */
 
@@ -51,7 +51,7 @@ static unsigned fuzz_below(unsigned n)
 
 static int fuzz_rarely(void)
 {
-    return fuzz_below(calm ? 2000 : 40) == 0;
+    return fuzz_below(fuzz_calm ? 2000 : 40) == 0;
 }
 
 static double fuzz_between(double low, double high)
@@ -63,10 +63,10 @@ static double fuzz_between(double low, double high)
 static double random_double(const Variable *variable)
 {
     static const double odd[] = {0.0, -0.0, 1.0, -1.0, 1e-300, 1e300, -1e300, 5e-324, INFINITY, -INFINITY, NAN, 1e9, -1e9, 1e-9};
-    if (calm && variable->causality == CAUSALITY_PARAMETER) {
+    if (fuzz_calm && variable->causality == CAUSALITY_PARAMETER) {
         return variable->start * fuzz_between(0.99, 1.01);
     }
-    if (fuzz_below(calm ? 200 : 8) == 0) {
+    if (fuzz_below(fuzz_calm ? 200 : 8) == 0) {
         return odd[fuzz_below(sizeof odd / sizeof *odd)];
     }
     const double start = variable->start;
@@ -157,7 +157,7 @@ static int fuzz_step(Instance *c)
     const double odd_sizes[] = {0.0, -1e-3, 1.5e-3, NAN, INFINITY, -INFINITY, 1e300, 1e-12, 1e-3 + 1e-11};
     const double time = c ? instance_time(c) : 0.0;
     const double point = fuzz_rarely() ? fuzz_between(-1.0, 1.0) : time + (fuzz_rarely() ? 1e-10 : 0.0);
-    const double size = fuzz_below(calm ? 1000 : 20) ? 1e-3 * (1 + fuzz_below(3)) : odd_sizes[fuzz_below(9)];
+    const double size = fuzz_below(fuzz_calm ? 1000 : 20) ? 1e-3 * (1 + fuzz_below(3)) : odd_sizes[fuzz_below(9)];
 #if VERSION == 2
     return fmi2DoStep(c, point, size, 1);
 #else
@@ -307,7 +307,7 @@ static int fuzz_ask_status(Instance *c)
 static void fuzz_call(void)
 {
     if (fuzz_below(5000) == 0) {
-        calm = !calm;
+        fuzz_calm = !fuzz_calm;
     }
     const unsigned which = fuzz_below(INSTANCES);
     Instance *const c = fuzz_rarely() ? NULL : instances[which];
@@ -319,14 +319,14 @@ static void fuzz_call(void)
         return;
     }
     if (fuzz_below(3) && now == INSTANTIATED) {
-        fuzz_count(fuzz_below(calm ? 8 : 2) == 0 ? fuzz_access(c, 1) : fuzz_enter(c));
+        fuzz_count(fuzz_below(fuzz_calm ? 8 : 2) == 0 ? fuzz_access(c, 1) : fuzz_enter(c));
         return;
     }
     if (fuzz_below(3) && now == INITIALIZATION) {
         fuzz_count(fuzz_below(2) ? fuzz_access(c, (int)fuzz_below(2)) : (int)FMI(ExitInitializationMode)(c));
         return;
     }
-    if (fuzz_below(calm ? 100 : 3) && now == STEP) {
+    if (fuzz_below(fuzz_calm ? 100 : 3) && now == STEP) {
         if (fuzz_below(2)) {
             fuzz_count(fuzz_access(c, (int)fuzz_below(2)));
         } else {

@@ -19,6 +19,7 @@ import zenoh
 from numpy.typing import NDArray
 
 from deltaph.telemetry import CommandClient, Message, MessageName, Reply, Subscriber, layout
+from deltaph.telemetry.session import COMMAND_RATE
 
 DELTAPH = Path(sys.executable).with_name("deltaph")
 DEADLINE = 60.0  # [s]
@@ -161,3 +162,11 @@ def ask(opened: zenoh.Session, key: str, payload: bytes | None, timeout: float =
     opened.get(key, handler, payload=payload, timeout=timeout)
     assert complete.wait(timeout + 5.0)
     return collected
+
+
+def answers_to(opened: zenoh.Session, command: str, payload: bytes | None) -> list[zenoh.Reply]:
+    """All replies to a command; one that is ended because it came too soon after another is sent again."""
+    deadline = time.monotonic() + DEADLINE
+    while not (answers := ask(opened, f"deltaph/{CELL}/command/{command}", payload)) and time.monotonic() < deadline:
+        time.sleep(0.5 / COMMAND_RATE)
+    return answers

@@ -138,3 +138,26 @@ def test_null_states_are_errors(new_slave: Callable[..., FmiSlave]) -> None:
     assert slave.last.endswith("expected a pointer as argument FMUState but was NULL")
     slave = new_slave()
     assert slave.call("GetFMUstate" if slave.version == 2 else "GetFMUState", None) == ERROR
+
+
+def test_a_cancel_is_part_of_the_state(dist: Path, version: FmiVersion, tmp_path: Path) -> None:
+    """What waits, what was cancelled and which value cancelled it: a restored state discards once, and only then."""
+    planner = FmiSlave(dist, "planner", version, tmp_path)
+    planner.initialize()
+    back = task_inputs(load_scenario(Path(__file__).parents[2] / "scenarios" / "paper.toml").task.reversed())
+    assert planner.put(back) == OK
+    assert planner.put({"task.trigger": 2}) == OK
+    run(planner, 0, 10)
+    waiting = planner.save()
+    assert planner.put({"task.cancel": 5, "task.trigger": 3}) == OK
+    expected = run(planner, 10, 1)
+    cancelled = planner.save()
+    expected += run(planner, 11, 700)
+    assert planner.get("plan.count", "plan.cancelled", "plan.refused") == [3, 1, 0]
+    assert planner.restore(cancelled) == OK
+    assert run(planner, 11, 700) == expected[1:]
+    assert planner.restore(waiting) == OK
+    assert planner.get("plan.cancelled") == [0]
+    assert planner.put({"task.cancel": 5, "task.trigger": 3}) == OK
+    assert run(planner, 10, 701) == expected
+    planner.free()

@@ -22,7 +22,7 @@ from deltaph.telemetry.viewer import StartedViewer, rerun_binary, start_viewer
 PAPER = Path(__file__).parents[2] / "scenarios" / "paper.toml"
 DELTAPH = Path(sys.executable).with_name("deltaph")
 DEADLINE = 60.0  # [s]
-CYCLES = 4  # longer than one chunk
+CYCLES = 8  # longer than one chunk
 STEPS = CYCLES * 2 * 303 + 50
 
 needs_vulkan = pytest.mark.skipif(

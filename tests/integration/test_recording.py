@@ -389,6 +389,18 @@ def test_events_are_recorded_in_words(recording: Recording) -> None:
     assert len(rows["step"]) > 2
 
 
+def test_missed_deadlines_do_not_bury_the_other_events(tmp_path: Path) -> None:
+    column = [name for name, _, _ in TIMING].index("missed_deadlines")
+    late = []
+    for frame in FRAMES[:50]:
+        timing = frame.timing.copy()
+        timing[column] = max(frame.step - 9, 0)
+        late.append(frame._replace(timing=timing))
+    rows = Recording(record(tmp_path / "run.rrd", recorded=late)).rows
+    assert rows["/event/missed_deadline"]["step"].tolist() == list(range(10, 50))
+    assert "deadline" not in str(rows["/event"]["TextLog:text"])
+
+
 def test_lost_messages_leave_the_other_rows_whole(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "run.rrd", scene(), chunk=10)
     for frame in FRAMES[:50]:

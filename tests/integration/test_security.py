@@ -219,6 +219,7 @@ def test_cell_that_serves_obeys_operators_only(certificates: Path) -> None:
             cell.kill()
     assert refused.returncode == 2, refused.stdout
     assert "takes no commands" in refused.stderr
+    assert "or this client's certificate may not command" in refused.stderr
     assert obeyed.returncode == 0, obeyed.stderr
 
 

@@ -158,6 +158,113 @@ def test_feed_slows_a_sequence_and_the_schedule_knows(step_ms: int) -> None:
     assert max(corner.tracking_error for corner in execution.corners) < 2e-4
 
 
+def short_text(law: str, step_ms: int) -> str:
+    """Ways so short that planning takes longer than moving, where it takes more than one slice, and a long one."""
+    return f"""
+schema = 1
+title = "short ways"
+
+[task]
+lift_mm = 0.5
+corner_deviation_mm = 0.06
+
+[law]
+name = "{law}"
+
+[sequence]
+grip_ms = 3.0
+release_ms = 0.0
+parts = [
+    {{ pick_mm = [0.0, 0.0, -800.0], place_mm = [1.0, 0.0, -800.0] }},
+    {{ pick_mm = [0.0, 1.0, -800.0], place_mm = [1.0, 1.0, -800.0] }},
+    {{ pick_mm = [0.0, 0.0, -800.0], place_mm = [60.0, 60.0, -800.0] }},
+]
+
+[run]
+communication_step_ms = {step_ms}.0
+"""
+
+
+def short(law: str, step_ms: int, feed: str = "") -> Scenario:
+    return parse_scenario(short_text(law, step_ms) + feed, Path("short.toml"))
+
+
+@pytest.mark.parametrize("step_ms", [1, 2, 5])
+@pytest.mark.parametrize("law", ["paper_limited", "time_optimal", "paper"])
+def test_a_plan_that_takes_longer_than_the_way_before_is_waited_for(law: str, step_ms: int) -> None:
+    scenario = short(law, step_ms)
+    run = schedule(scenario, cycles=2)
+    operations = run.operations
+    # a plan of one slice may be too late only because it cannot be asked for within a step
+    assert any(o.waited_ms > 0.0 for o in operations) == (law != "paper" or step_ms == 5)
+    assert not all(o.waited_ms > 0.0 for o in operations[1:])  # the long way is time enough
+    for before, after in pairwise(operations):
+        assert after.begin_ms == before.end_ms + after.waited_ms
+        assert after.waited_ms == 0.0 or after.ready_ms == after.begin_ms
+    trace = trace_of(scenario, run)
+    ms = np.rint(1000.0 * trace.time).astype(int)
+    # what is ready only in the millisecond in which it begins shows in the next one
+    shown = [sum(o.begin_ms <= t and o.ready_ms < t for o in operations) - 1 for t in ms]
+    for number, operation in enumerate(operations):
+        here = np.array(shown) == number
+        planned = operation.plan.sample((ms[here] - operation.start_ms) / 1000.0)
+        for output in ("joint_position", "joint_velocity", "joint_acceleration", "joint_torque", "tcp_position"):
+            assert (trace["planner", output][here] == planned[output]).all(), (operation, output)
+        assert (trace["planner", "path_phase"][here] == planned["phase"]).all()
+        moving = (ms > operation.start_ms) & (ms < operation.end_ms)
+        clock = 1000.0 * run.clock.at(trace.time[moving]) - operation.clock_ms
+        np.testing.assert_allclose(clock, ms[moving] - operation.start_ms, atol=1e-9)
+    assert trace["planner", "plan_count"].tolist() == [sum(o.ready_ms < t for o in operations) for t in ms]
+    asked = [-1, *(o.request_step * step_ms for o in operations[1:])]
+    busy = [any(at < t < o.end_ms for at, o in zip(asked, operations, strict=True)) for t in ms]
+    assert trace["planner", "plan_busy"].tolist() == busy
+    assert evaluate(trace, run).arrival == pytest.approx(run.arrival_step * step_ms / 1000.0)
+
+    first = ms < run.pass_ms
+    columns = pass_columns(run, trace.time[first])
+    for name in ("joint[2].position", "tcp.velocity.x", "path.phase", "plan.busy"):
+        variable = variable_table("planner")[name]
+        found = trace["planner", variable.group][first]
+        assert (columns[name] == (found if variable.index is None else found[:, variable.index])).all(), name
+
+
+@pytest.mark.parametrize("step_ms", [1, 5])
+def test_a_feed_override_and_a_wait_for_a_plan_know_of_each_other(step_ms: int) -> None:
+    """The faster the robot is, the longer it waits; its clock stands meanwhile, and the filter of the feed goes on."""
+    changes = [(20, 0.3), (260, 1.0), (500, 0.0), (700, 0.8)]
+    feed = "".join(f"\n[[feed]]\ntime_ms = {at}.0\noverride = {value}\n" for at, value in changes)
+    scenario, nominal = short("paper_limited", step_ms, feed), schedule(short("paper_limited", step_ms))
+    run = schedule(scenario, cycles=2)
+    assert run.pass_ms == nominal.pass_ms
+    assert run.period == nominal.period == (nominal.pass_ms / 1000.0 - nominal.waited)
+    assert 0.0 < sum(o.waited_ms for o in run.one_pass) < sum(o.waited_ms for o in nominal.one_pass)
+    trace = trace_of(scenario, run)
+    clock = run.clock.at(trace.time)
+    shown = np.searchsorted([o.begin_ms for o in run.operations], 1000.0 * trace.time - 1e-6, side="right") - 1
+    for number, operation in enumerate(run.operations):
+        here = shown == number
+        planned = operation.plan.sample(clock[here] - operation.clock_ms / 1000.0)
+        np.testing.assert_allclose(trace["planner", "tcp_position"][here], planned["tcp_position"], atol=1e-9)
+    assert evaluate(trace, run).arrival == pytest.approx(run.operations[-1].end_ms / 1000.0, abs=step_ms / 1000.0)
+
+
+def test_reports_say_how_long_the_robot_waits_for_plans(tmp_path: Path) -> None:
+    (tmp_path / "short.toml").write_text(short_text("paper_limited", 1), encoding="utf-8")
+    run = schedule(short("paper_limited", 1))
+    waited = [operation.waited_ms for operation in run.operations]
+    planned = deltaph("plan", "short.toml", "--json", "plan.json", cwd=tmp_path)
+    done = deltaph("run", "short.toml", "--no-telemetry", "--json", "run.json", cwd=tmp_path)
+    assert (planned.returncode, done.returncode) == (0, 0), done.stderr
+    for operation, ms in zip(run.operations, waited, strict=True):
+        said = f"{operation.move.name}: the robot waits {ms:g} ms for the plan"
+        assert (said in planned.stdout) == (ms > 0.0)
+    count = sum(ms > 0.0 for ms in waited)
+    assert f"{sum(waited):g} ms, before {count} of {len(waited)} operations" in " ".join(done.stdout.split())
+    for name in ("plan.json", "run.json"):
+        operations = json.loads((tmp_path / name).read_text())["operations"]
+        assert [operation["waited_for_plan_s"] for operation in operations] == [ms / 1000.0 for ms in waited]
+
+
 def test_a_plan_that_is_not_ready_in_time_ends_the_run() -> None:
     scenario = parse_scenario(PAIR, Path("pair.toml"))
     run = schedule(scenario)

@@ -24,6 +24,7 @@ from deltaph.frame import Frame
 from deltaph.telemetry import DEFAULT_ENDPOINT, EVENT_KINDS, BackgroundSink, Message, Publisher, Subscriber, layout, schema_document
 from deltaph.telemetry.publisher import HISTORY
 from deltaph.telemetry.session import open_client_session
+from deltaph.telemetry.subscriber import _QUIET
 
 CELL = "test-cell"
 DEADLINE = 20.0  # [s]
@@ -208,26 +209,38 @@ def test_subscriber_gets_messages_documents_and_the_end() -> None:
         ]
 
 
+def test_summary_that_the_end_of_the_token_overtook_is_waited_for() -> None:
+    """As on a busy machine, where what was sent before the token went arrives a good while after."""
+    with cell() as publisher, following(publisher) as (subscriber, read):
+        publisher.set_summary('{"verdict": "kept"}')
+        publisher._token.undeclare()  # type: ignore[no-untyped-call]
+        wait_until(lambda: subscriber._gone is not None and time.monotonic() > subscriber._gone + 3.0 * _QUIET)
+        publisher.close()
+        read()
+        assert subscriber.summary == {"verdict": "kept"}
+
+
 def test_plan_is_published_when_one_is_decided_and_kept_for_newcomers() -> None:
     offered = frames(6)
-    decisions = [(0, 0), (1, 0), (1, 0), (1, 2), (2, 2), (2, 2)]  # count and refused: three changes
+    decisions = [(0, 0, 0), (1, 0, 0), (1, 0, 0), (1, 2, 0), (2, 2, 0), (2, 2, 1)]  # count, refused, cancelled: four changes
     names = [field.name for field in layout("plan").fields if field.type == "int32"]
-    for frame, (count, refused) in zip(offered, decisions, strict=True):
-        integers = frame.planner_integers
-        integers[1 + names.index("plan.count")], integers[1 + names.index("plan.refused")] = count, refused
+    for frame, decided in zip(offered, decisions, strict=True):
+        for output, value in zip(("plan.count", "plan.refused", "plan.cancelled"), decided, strict=True):
+            frame.planner_integers[1 + names.index(output)] = value
     with cell() as publisher, following(publisher) as (subscriber, read):
         with pytest.raises(EnvironmentProblem, match="there is no plan yet"):
             subscriber.ask("plan")
         for frame in offered:
             publisher.take(frame)
-        last = layout("plan").encode(offered[4], sequence=2)
+        last = layout("plan").encode(offered[5], sequence=3)
         assert subscriber.ask("plan").tobytes() == last
         publisher.close()
         plans = [message.record for message in read() if message.name == "plan"]
-    assert [(r["sequence"], r["time"], r["plan.count"], r["plan.refused"]) for r in plans] == [
-        (0, offered[1].time, 1, 0),
-        (1, offered[3].time, 1, 2),
-        (2, offered[4].time, 2, 2),
+    assert [(r["sequence"], r["time"], r["plan.count"], r["plan.refused"], r["plan.cancelled"]) for r in plans] == [
+        (0, offered[1].time, 1, 0, 0),
+        (1, offered[3].time, 1, 2, 0),
+        (2, offered[4].time, 2, 2, 0),
+        (3, offered[5].time, 2, 2, 1),
     ]
     assert plans[-1].tobytes() == last
 
@@ -351,6 +364,26 @@ def test_what_is_lost_at_the_very_end_is_counted() -> None:
         read()
         assert list(subscriber.messages()) == []  # what is counted is counted once
     assert subscriber.missing == {"setpoint": 3, "actual": 3, "timing": 3, "plan": 0, "event": 0}
+
+
+def test_what_is_lost_at_the_very_end_comes_back_where_it_is_kept() -> None:
+    """No message that comes later tells of the gap: the summary does."""
+    offered = frames(20)
+    with cell() as publisher, following(publisher) as (subscriber, read):
+        for frame in offered[:10]:
+            publisher.take(frame)
+        wait_until(lambda: subscriber.received["timing"] == 10)
+        subscriber._subscription.undeclare()  # type: ignore[no-untyped-call]
+        wait_until(lambda: publisher.subscribers() == 0)
+        for frame in offered[10:]:
+            publisher.take(frame)
+        subscriber._subscription = subscriber._session.declare_subscriber(subscriber._keys.everything, subscriber._samples.put)
+        publisher.wait_for_subscribers(1, DEADLINE)
+        publisher.set_summary("{}")
+        publisher.close()
+        sequences = [int(message.record["sequence"]) for message in read() if message.name == "actual"]
+    assert sequences == list(range(20))
+    assert set(subscriber.missing.values()) == {0}
 
 
 def test_reading_in_slices_goes_on_where_it_ended_and_ends_with_the_cell() -> None:

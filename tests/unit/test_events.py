@@ -49,6 +49,17 @@ def test_refused_plan_comes_with_its_numbers() -> None:
     assert seen(offered)[2:] == [(3, "plan_refused", "WARN", "plan refused, 2 so far: lift_too_low, required 0.07, available 0.05")]
 
 
+def test_cancelled_plan_comes_before_the_one_in_its_place() -> None:
+    offered = rest()
+    for frame in offered[3:]:
+        put(frame, "planner", "plan.cancelled", 1)
+        put(frame, "planner", "plan.count", 2)
+    assert seen(offered)[2:] == [
+        (3, "plan_cancelled", "INFO", "plan cancelled before it began, 1 so far"),
+        (3, "plan_accepted", "INFO", "plan 2 accepted: 0.303 s"),
+    ]
+
+
 def test_trip_comes_with_its_axis() -> None:
     offered = rest()
     for frame in offered[4:]:

@@ -132,6 +132,21 @@ def test_a_clock_that_stands_still_goes_on() -> None:
     assert clock.reaches(500.0) == pytest.approx(1500.0, abs=1e-6)
 
 
+@pytest.mark.parametrize("changes", [[], [(100, 0.5)], [(50, 0.2), (310, 1.0)]])
+def test_a_paused_clock_stands_and_then_goes_on(changes: list[tuple[int, float]]) -> None:
+    clock = FeedClock(changes)
+    paused = clock.paused(60.0, 80.0).paused(300.0, 330.5)
+    ms = np.arange(0.0, 600.0, 0.5)
+    lost = np.zeros_like(ms)
+    for begin, end in ((60.0, 80.0), (300.0, 330.5)):
+        lost += clock.at(np.clip(ms, begin, end) / 1000.0) - clock.at(np.array([begin / 1000.0]))
+    np.testing.assert_allclose(paused.at(ms / 1000.0), clock.at(ms / 1000.0) - lost, atol=1e-12)
+    stands = 1000.0 * float(paused.at(np.array([0.07]))[0])
+    assert paused.reaches(stands) == pytest.approx(60.0, abs=1e-9)  # the first time it is there
+    assert paused.reaches(stands + 1e-6) > 80.0
+    assert paused.reaches(500.0) == pytest.approx(clock.reaches(500.0 + 1000.0 * lost[-1]), abs=1e-9)
+
+
 def test_returns_are_as_high_as_the_higher_neighbour_and_bend_as_their_points_ask() -> None:
     for move in sequence().moves:
         begin, end = move.task.pick[2] + move.task.lift[0], move.task.place[2] + move.task.lift[1]

@@ -90,6 +90,16 @@ def test_random_tasks_in_random_slices(law: str) -> None:
         assert in_slices(wanted, int(random.integers(1, 2000)))[:2] == in_one_go(wanted)
 
 
+@pytest.mark.parametrize("name", ["paper", "comparison", "paper_limited", "time_optimal", "torque_limit"])
+def test_a_plan_knows_how_many_slices_it_took(name: str) -> None:
+    scenario = load_scenario(SCENARIOS / f"{name}.toml")
+    asked = {speed: getattr(scenario.law, speed) for speed in ("corner_entry_speed", "corner_mid_speed", "traverse_speed")}
+    _, bits, slices = in_slices(request(name, **asked), lib.DPH_SLICE)  # a plan's own task has the speeds that were found
+    plan = Plan.of(scenario)
+    assert plan.slices == slices
+    assert bytes(ffi.buffer(plan._struct)) == bits
+
+
 def test_a_paper_plan_takes_one_slice() -> None:
     assert in_slices(CASES["paper"], lib.DPH_SLICE)[2] == 1
 
