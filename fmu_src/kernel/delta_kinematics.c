@@ -66,7 +66,7 @@ static dph_verdict unreachable(int i, double required, double available)
 static inline void joint_at(const dph_robot *robot, int i, const double point[3], double joint[3])
 {
     const double *u = arm_direction[i];
-    joint[0] = point[0] * u[0] + point[1] * u[1] + robot->platform_radius - robot->base_radius;
+    joint[0] = point[0] * u[0] + point[1] * u[1] + (robot->platform_radius - robot->base_radius);
     joint[1] = point[1] * u[0] - point[0] * u[1];
     joint[2] = point[2];
 }
@@ -105,7 +105,7 @@ static inline int limb_at(const dph_robot *robot, int i, const double point[3], 
     double upper = robot->upper_arm_length, forearm = robot->forearm_length, joint[3];
     joint_at(robot, i, point, joint);
     double x = joint[0], y = joint[1], z = joint[2], plane2 = x * x + z * z, lean2 = (forearm - y) * (forearm + y);
-    double k = 0.5 * inverse_upper * (plane2 + upper * upper - lean2), root2 = plane2 - k * k;
+    double k = 0.5 * inverse_upper * (plane2 + (upper * upper - lean2)), root2 = plane2 - k * k;
     int is_real = root2 >= 0.0 && lean2 >= 0.0;
     double root = is_real ? sqrt(root2) : 0.0;
     /* A platform joint on its shoulder leaves the angle open: as atan2 has it, 0. */
@@ -166,8 +166,8 @@ static double angle_of(double cosine, double sine)
     int is_steep = s > c;
     double low = is_steep ? c : s, high = is_steep ? s : c;
     int k = low < 0.7 ? (int)(16.0 * low + 0.5) : 11; /* also of what is no number */
-    double u = low * table_cosine[k] - high * (k / 16.0), u2 = u * u;
-    double rest = u * u2 * (1.0 / 6.0 + u2 * (3.0 / 40.0 + u2 * (5.0 / 112.0 + u2 * (35.0 / 1152.0 + u2 * (63.0 / 2816.0)))));
+    double u = low * table_cosine[k] - high * (k / 16.0), u2 = u * u, u4 = u2 * u2;
+    double rest = u * u2 * ((1.0 / 6.0 + u2 * (3.0 / 40.0)) + u4 * ((5.0 / 112.0 + u2 * (35.0 / 1152.0)) + u4 * (63.0 / 2816.0)));
     double theta = table_angle[k] + (u + rest);
     if (is_steep)
         theta = half_turn / 2.0 - theta;
@@ -290,9 +290,9 @@ int dph_rates_at(const dph_robot *robot, const double point[3], const double fir
     double upper = robot->upper_arm_length, forearm = robot->forearm_length, half = 0.5 / upper, speed2 = dot(first, first), least = HUGE_VAL, s[3][3], normal[3];
     for (int i = 0; i < 3; ++i) {
         const double *u = arm_direction[i];
-        double x = point[0] * u[0] + point[1] * u[1] + robot->platform_radius - robot->base_radius;
+        double x = point[0] * u[0] + point[1] * u[1] + (robot->platform_radius - robot->base_radius);
         double y = point[1] * u[0] - point[0] * u[1], z = point[2];
-        double p2 = x * x + z * z, k = (p2 + upper * upper - (forearm - y) * (forearm + y)) * half;
+        double p2 = x * x + z * z, k = (p2 + (upper * upper - (forearm - y) * (forearm + y))) * half;
         double root2 = p2 - k * k;
         if (!(root2 > 0.0) || !(fabs(y) <= forearm))
             return 0;

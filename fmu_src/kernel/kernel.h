@@ -316,7 +316,7 @@ typedef struct dph_peaks {
  * Cost:     the quadratures of two corners; a pose wherever the last one vouches for no more of the path, some ten in the middle of the
  *           workspace: 15 units (see below), 1.6 us on a 3.5 GHz core (comparison: 15 us). paper_limited: the peaks of some hundred plans
  *           besides, 8 000 to 16 000 units. time_optimal: some seven hundred poses, verifications and at most 55 steps of its solver
- *           instead, 2 500 to 7 500 units; where only velocity and acceleration are limited, some 150 poses and at most eight passes over
+ *           instead, 2 500 to 7 500 units; where only velocity and acceleration are limited, some 120 poses and at most eight passes over
  *           the path, 170 units. */
 dph_verdict dph_plan_make(const dph_robot *robot, const dph_task *task, dph_workspace *workspace, dph_plan *plan);
 

@@ -15,7 +15,7 @@
 
 /* Intervals of a first, coarse b, in each segment of a side; of the final one about so many, at least so many in each segment. */
 enum { SPLINE_INTERVALS = 54 };
-static const int coarse_intervals[3] = {7, 12, 7};
+static const int coarse_intervals[3] = {5, 9, 5};
 static const int spline_intervals[3] = {3, 13, 3};
 
 /* First vertex over second one and second over third, and the same from the other end: at rest q' = q'' = 0, and nothing bounds them.
@@ -387,39 +387,45 @@ static int excess_of(const dph_workspace *w, int k, double excess[2])
 {
     static const double near = 0.97; /* no parabola through three samples below rises above 1 */
     const dph_bounds *bounds = &w->bounds;
-    double series[3][2][SPLINE_PARTS + 1];
+    double value[SPLINE_PARTS + 1], half_slope[SPLINE_PARTS + 1]; /* of b */
     excess[0] = excess[1] = 0.0;
     for (int i = 0; i <= SPLINE_PARTS; ++i) {
-        const double(*q)[3] = (const double(*)[3])w->point[k][i].q;
         double v[2];
         spline_at(w, k, i * (1.0 / SPLINE_PARTS), v);
         if (!(v[0] > 0.0))
             return 0;
-        for (int j = 0; j < 3; ++j) {
-            double speed = q[0][j] * bounds->velocity[j];
-            series[j][0][i] = speed * speed * v[0];
-            series[j][1][i] = bounds->acceleration[j] * (q[1][j] * v[0] + 0.5 * q[0][j] * v[1]);
-        }
+        value[i] = v[0];
+        half_slope[i] = 0.5 * v[1];
         if (bounds->tcp_speed > 0.0) {
             double speed = w->point[k][i].ds * bounds->tcp_speed;
             excess[0] = speed * speed * v[0] > excess[0] ? speed * speed * v[0] : excess[0];
         }
     }
-    for (int j = 0; j < 3; ++j)
+    for (int j = 0; j < 3; ++j) {
+        double series[2][SPLINE_PARTS + 1], peak[2] = {0.0, 0.0};
+        for (int i = 0; i <= SPLINE_PARTS; ++i) {
+            const dph_path_point *point = &w->point[k][i];
+            double first = point->q[0][j], speed = first * bounds->velocity[j];
+            double square = speed * speed * value[i];
+            double acceleration = bounds->acceleration[j] * (point->q[1][j] * value[i] + first * half_slope[i]);
+            series[0][i] = square;
+            series[1][i] = acceleration;
+            peak[0] = square > peak[0] ? square : peak[0];
+            peak[1] = fabs(acceleration) > peak[1] ? fabs(acceleration) : peak[1];
+        }
         for (int what = 0; what < 2; ++what) {
-            const double *f = series[j][what];
-            double peak = 0.0;
-            for (int i = 0; i <= SPLINE_PARTS; ++i)
-                peak = fabs(f[i]) > peak ? fabs(f[i]) : peak;
-            for (int i = 1; i < SPLINE_PARTS && peak > near; ++i) {
-                double top = top_of(f, i), ratio[2];
-                if (top >= 0.0 && fabs(f[i]) > near) {
+            const double *f = series[what];
+            double greatest = peak[what];
+            for (int i = 1; i < SPLINE_PARTS && greatest > near; ++i) {
+                double top = fabs(f[i]) > near ? top_of(f, i) : -1.0, ratio[2];
+                if (top >= 0.0) {
                     ratios_at(w, k, j, top / SPLINE_PARTS, ratio);
-                    peak = ratio[what] > peak ? ratio[what] : peak;
+                    greatest = ratio[what] > greatest ? ratio[what] : greatest;
                 }
             }
-            excess[what] = peak > excess[what] ? peak : excess[what];
+            excess[what] = greatest > excess[what] ? greatest : excess[what];
         }
+    }
     return 1;
 }
 

@@ -60,7 +60,7 @@ void dph_knots_lay(const dph_plan *plan, const dph_shares *shares, int intervals
 
 /* Where only velocity and acceleration are limited: knots, and b, b' at them, in the workspace; path and limits are laid.
  * Returned: the factor by which time has to be stretched to keep the limits, 0 where no motion was found; is_clear: 1 where the robot can
- * follow the path beyond doubt, 0 where dph_path_lay is to find out. Cost: some 150 points, three passes to and fro. */
+ * follow the path beyond doubt, 0 where dph_path_lay is to find out. Cost: some 120 points, three passes to and fro. */
 double dph_reachability(const dph_plan *plan, dph_workspace *w, int *is_clear);
 
 /* ---- interior_point.c ------------------------------------------------------------------------------------------------------------- */

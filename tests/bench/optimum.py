@@ -38,7 +38,7 @@ CONVERGED = {
     "time_optimal.c": [
         ("tolerance = 3e-3", "tolerance = 1e-5"),
         ("FIRST_ITERATIONS = 25, REPAIRS = 2", "FIRST_ITERATIONS = 60, REPAIRS = 0"),
-        ("keep(w, w->best.stretch * unseen, plan)", "keep(w, unseen, plan)"),
+        ("keep(w, w->best.stretch * unseen, 0, plan)", "keep(w, unseen, 0, plan)"),
         ("unseen = 1.0001", "unseen = 1.0"),
         ("has_torque ? LAY : REACH", "has_torque ? LAY : LAY"),
     ],
