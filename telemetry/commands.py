@@ -30,7 +30,7 @@ VERDICT_TIMEOUT = 5.0
 
 _ANSWER_TIMEOUT = VERDICT_TIMEOUT + 1.0  # of a client [s]
 _PATIENCE = 1.0  # of a client whose queries end unanswered, much less than a query that is not answered in time takes [s]
-_PAUSE = 0.003  # between two of them: no multiple of the pause that a cell keeps between two commands [s]
+_PAUSE = 0.007  # between two of them: no multiple of the pause that a cell keeps between two commands [s]
 
 NonNegative = Annotated[float, Ge(0)]
 Point = tuple[float, float, float]

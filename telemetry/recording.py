@@ -367,8 +367,11 @@ class Recorder:
     def _write_passes(self, corners: Sequence[CornerMark]) -> None:
         """The deviation at each corner, when it was passed."""
         time = np.rint([1e9 * corner.time for corner in corners]).astype("timedelta64[ns]")
-        for entity, points, values in passes(self._scene, corners):
+        found = list(passes(self._scene, corners))
+        for entity, points, _ in found:
             self._stream.log(entity, points, static=True, strict=True)
+        self._stream.flush()  # what is logged takes another way than columns: equal recordings have an entity's chunks in one order
+        for entity, _, values in found:
             self._send_scalars(entity, [rr.TimeColumn("sim_time", duration=time)], values)
 
     def _send_scalars(self, entity: str, index: list[rr.TimeColumn], values: FloatArray) -> None:

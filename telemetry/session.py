@@ -124,7 +124,7 @@ def _free_port() -> int:
         return port
 
 
-COMMAND_RATE = 100.0
+COMMAND_RATE = 20.0
 """Queries that a cell lets in for each command [1/s]. Zenoh ends the others, unanswered, before they cost the interpreter anything,
 which the step loop shares: a flood of one command disturbs neither the loop nor the other commands."""
 
