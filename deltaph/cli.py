@@ -46,6 +46,12 @@ ZenohConfigOption = Annotated[
 ]
 
 
+PriorityOption = Annotated[
+    int,
+    typer.Option("--realtime-priority", metavar="N", help="1 to 99: SCHED_FIFO for the step loop, memory locked", min=0, max=99),
+]
+
+
 class _Console(Console):
     """Where the reader of a pipe may go: rich would end with the code of a missed expectation."""
 
@@ -207,12 +213,7 @@ def run(
     realtime: Annotated[
         bool, typer.Option("--realtime", help="keep the communication points on the clock; without it: as fast as possible")
     ] = False,
-    priority: Annotated[
-        int,
-        typer.Option(
-            "--realtime-priority", metavar="N", help="1 to 99: SCHED_FIFO for the step loop, memory locked", min=0, max=99
-        ),
-    ] = 0,
+    priority: PriorityOption = 0,
     cpu: Annotated[int | None, typer.Option("--cpu", metavar="N", help="processor for the step loop", min=0)] = None,
     cycles: Annotated[
         int | None,
@@ -563,22 +564,24 @@ def bench() -> None:
 @app.command()
 def soak(
     minutes: Annotated[float, typer.Option("--minutes", metavar="M", help="length of the undisturbed case")] = 10.0,
+    priority: PriorityOption = 0,
     json_file: JsonOption = None,
 ) -> None:
     """A cell in real time while its consumers stop, die and fail: what that costs the loop, and what is lost.
 
     The paper's case, there and back. Each case runs beside a bare loop, without consumers, for comparison. The first has a
     subscriber and a recorder and is left alone for --minutes; the others take two minutes together. The exit code is 1 where
-    messages were lost for good, came out of order, or service did not resume; lateness is shown, not judged.
+    messages were lost for good, came out of order, or service did not resume; lateness is shown, not judged. With a real-time
+    priority the loops are disturbed by their own process alone, and not by how many processors the consumers keep busy.
 
-    Example: deltaph soak --minutes 0.5
+    Example: deltaph soak --minutes 0.5 --realtime-priority 50
     """
     from dataclasses import asdict
 
     from deltaph.soak import run_soak
 
     check_writable(json_file)
-    found = run_soak(minutes, _tables(json_file), Console(stderr=True))
+    found = run_soak(minutes, priority, _tables(json_file), Console(stderr=True))
     _write_json(json_file, {"cases": [asdict(observed) for observed in found]})
     if any(observed.failures for observed in found):
         raise typer.Exit(1)

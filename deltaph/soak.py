@@ -80,8 +80,9 @@ def _resident(pid: int) -> float | None:
 class _Stage:
     """The processes of one case, killed at its end at the latest."""
 
-    def __init__(self, directory: Path, scenario: Path, cell: str, stack: ExitStack) -> None:
+    def __init__(self, directory: Path, scenario: Path, cell: str, priority: int, stack: ExitStack) -> None:
         self.directory = directory
+        self._priority = ["--realtime-priority", str(priority)]
         self.endpoint = _endpoint()
         self.cell = cell
         self._scenario = scenario
@@ -114,14 +115,14 @@ class _Stage:
         """Start a cell that runs in real time for at least so long."""
         cycles = math.ceil(seconds / cycle)
         report = self.directory / f"{name}.json"
-        arguments = ["deltaph", "run", str(self._scenario), "--realtime", "--cycles", str(cycles), "--json", str(report), *options]
-        self.start(name, arguments)
+        arguments = ["deltaph", "run", str(self._scenario), "--realtime", "--cycles", str(cycles), "--json", str(report)]
+        self.start(name, [*arguments, *self._priority, *options])
 
     def serve(self) -> None:
         """Start a cell that takes commands until it is told to end."""
         report = self.directory / "cell.json"
         arguments = ["deltaph", "run", str(self._scenario), "--serve", "--json", str(report), "--listen", self.endpoint]
-        self.start("cell", [*arguments, "--wait-subscribers", "1"])
+        self.start("cell", [*arguments, *self._priority, "--wait-subscribers", "1"])
 
     def subscribe(self, name: str = "subscriber", endpoint: str | None = None) -> None:
         """Start a subscriber; it waits for the cell."""
@@ -293,9 +294,11 @@ class Soak:
     Args:
         directory: for reports, logs and recordings.
         console: for progress.
+        priority: of the step loops, see `Undisturbed`.
     """
 
-    def __init__(self, directory: Path, console: Console) -> None:
+    def __init__(self, directory: Path, console: Console, priority: int) -> None:
+        self._priority = priority
         self._console = console
         self._directory = directory
         self._scenario_file = directory / "scenario.toml"
@@ -371,7 +374,7 @@ class Soak:
     def _stage(self, name: str, stack: ExitStack) -> _Stage:
         directory = self._directory / name.replace(" ", "_").replace(",", "")
         directory.mkdir(exist_ok=True)
-        return _Stage(directory, self._scenario_file, self._scenario.cell, stack)
+        return _Stage(directory, self._scenario_file, self._scenario.cell, self._priority, stack)
 
     def _bare(self, name: str) -> dict[str, Any]:
         with ExitStack() as stack, self._console.status(f"{name}: the bare loop"):
@@ -446,11 +449,12 @@ def _print_commands(console: Console, found: Sequence[Observed]) -> None:
     console.print(table)
 
 
-def run_soak(minutes: float, console: Console, log: Console) -> list[Observed]:
+def run_soak(minutes: float, priority: int, console: Console, log: Console) -> list[Observed]:
     """Run all cases and print the table.
 
     Args:
         minutes: of the undisturbed case; the others have their own lengths, two minutes together.
+        priority: of the step loops, see `Undisturbed`.
         console: for the table.
         log: for progress.
 
@@ -465,7 +469,7 @@ def run_soak(minutes: float, console: Console, log: Console) -> list[Observed]:
     if sys.platform != "linux":
         raise EnvironmentProblem("only Linux lets a process limit another's files and tells its memory: soak there")
     with tempfile.TemporaryDirectory(prefix="deltaph-soak-") as directory:
-        soak = Soak(Path(directory), log)
+        soak = Soak(Path(directory), log, priority)
         found = [soak.undisturbed(minutes), *(soak.disturbed(case) for case in CASES)]
     _print_loop(console, found)
     _print_messages(console, found)
