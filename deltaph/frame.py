@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple, Protocol, get_args, overload
+from functools import cache
+from typing import Any, Literal, NamedTuple, Protocol, get_args, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,9 @@ OUTCOMES: tuple[Outcome, ...] = get_args(Outcome)
 
 NO_COMMANDS = np.zeros((len(COMMANDS), len(OUTCOMES)), dtype=np.int32)
 NO_COMMANDS.setflags(write=False)
+
+_MODELS: tuple[Model, ...] = ("planner", "plant")
+_ARRAYS = (*(f"{model}_{kind}" for model in _MODELS for kind in ("floats", "integers")), "timing")
 
 
 class Frame(NamedTuple):
@@ -61,11 +65,24 @@ TIMING: tuple[tuple[str, str, str], ...] = (
     ("missed_by_publish", "1", "Of those: handing the frame to the sinks took too long"),
     ("missed_by_exchange", "1", "Of those: what the loop does besides took too long"),
     ("missed_by_system", "1", "Of those: woken late by the system"),
-    ("missed_by_consumer", "1", "Of those: woken late while the sinks' threads computed"),
     ("slipped_steps", "1", "Whole steps so far by which the deadlines moved, because nothing is caught up"),
     ("dropped_frames", "1", "Frames so far that a sink did not get: its queue was full, or it had failed"),
 )
 """Name, unit and description of the columns of `Frame.timing`."""
+
+
+@cache
+def record_dtype() -> np.dtype[np.void]:
+    """A frame as one record of fixed size, some 1.4 KB; its fields are those of `Frame`, in their order."""
+    shapes: dict[str, tuple[str, tuple[int, ...]]] = {"step": ("i8", ()), "time": ("f8", ()), "unix_time_ns": ("i8", ())}
+    for model in _MODELS:
+        outputs = variable_table(model).of("output")
+        floats = sum(v.is_float for v in outputs)
+        shapes[f"{model}_floats"] = "f8", (floats,)
+        shapes[f"{model}_integers"] = "i4", (len(outputs) - floats,)
+    shapes["timing"] = "f8", (len(TIMING),)
+    shapes["commands"] = "i4", NO_COMMANDS.shape
+    return np.dtype([(name, kind, shape) for name, (kind, shape) in shapes.items()])
 
 
 class Sink(Protocol):
@@ -94,9 +111,6 @@ class ListSink:
         """Nothing to finish."""
 
 
-_MODELS: tuple[Model, ...] = ("planner", "plant")
-
-
 class FrameStore(Protocol):
     """Where the importer keeps frames."""
 
@@ -122,12 +136,10 @@ class Frames(Sequence[Frame]):
 
     def __init__(self, count: int, first: int = 0) -> None:
         self._first = first
-        self._arrays: dict[str, NDArray[np.float64] | NDArray[np.int32]] = {"timing": np.empty((count, len(TIMING)))}
-        for model in _MODELS:
-            outputs = variable_table(model).of("output")
-            floats = sum(v.is_float for v in outputs)
-            self._arrays[f"{model}_floats"] = np.empty((count, floats))
-            self._arrays[f"{model}_integers"] = np.empty((count, len(outputs) - floats), dtype=np.int32)
+        record = record_dtype()
+        self._arrays: dict[str, NDArray[Any]] = {
+            name: np.empty((count, *record[name].shape), record[name].base) for name in _ARRAYS
+        }
         self._time, self._unix_time_ns = np.empty(count), np.empty(count, dtype=np.int64)
         for array in (*self._arrays.values(), self._time, self._unix_time_ns):
             array.fill(0)  # memory of the system is none yet: the first write to a page is a fault
@@ -161,7 +173,7 @@ class Frames(Sequence[Frame]):
             return self._time[: self._length]
         if what == "commands":
             return np.broadcast_to(NO_COMMANDS, (self._length, *NO_COMMANDS.shape))
-        return self._views[what][: self._length]  # type: ignore[return-value]
+        return self._views[what][: self._length]
 
     def __len__(self) -> int:
         return self._length

@@ -28,9 +28,10 @@ HEADER = bytes((0, 1, 0, 0))
 Records = NDArray[np.void]
 """Decoded messages of one layout: a structured array (n,)."""
 
-_VERSIONS: dict[MessageName, int] = {"timing": 2, "event": 2, "plan": 2}
-"""Version of a layout that is not the first. Timing 2 accounts for missed deadlines by cause and counts what sinks did not get;
-event 2 has commands; plan 2 counts what was cancelled. Items that are appended to an enumeration change no layout."""
+_VERSIONS: dict[MessageName, int] = {"timing": 3, "event": 2, "plan": 2}
+"""Version of a layout that is not the first. Timing 2 accounts for missed deadlines by cause and counts what sinks did not get,
+3 knows no cause `consumer`: who consumes is no part of the loop's process; event 2 has commands; plan 2 counts what was cancelled.
+Items that are appended to an enumeration change no layout."""
 
 _HEAD = struct.Struct("<4sQdQ")
 _SIZES = {"uint64": 8, "float64": 8, "int32": 4}

@@ -33,7 +33,7 @@ class Publisher:
     The last message is the summary; its attachment tells the last sequence number of each kind: a loss at the end shows as well.
 
     The newest messages are kept by Zenoh's advanced publishers, which any advanced subscriber asks for what it missed. `take` waits
-    while they answer, up to 0.3 s where that is all they keep: it belongs into a `BackgroundSink`. Replies are dropped where a
+    while they answer, up to 0.3 s where that is all they keep: it belongs into a `SinkProcess`. Replies are dropped where a
     reader does not read, not waited for: one that has stopped must not hold up the others.
 
     Attributes:

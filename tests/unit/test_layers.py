@@ -21,7 +21,9 @@ ORDER = [
     {"checks"},
     {"report", "scene"},
     {"verdict"},
-    {"tally"},
+    {"tally", "recorder"},
+    {"attendant"},
+    {"desk"},
     {"run", "record", "bench", "claims", "compare", "export", "soak_peer"},
     {"cost"},
     {"paper", "serve", "soak", "view"},
@@ -51,7 +53,21 @@ def test_python_layers() -> None:
         module = path.relative_to(ROOT / "deltaph").parts[0].removesuffix(".py")
         for imported in imports(path) - {module, "telemetry"}:
             assert level[imported] <= level[module], f"{path.name} imports {imported}, which is above it"
-        if module not in {"run", "record", "scene", "compare", "export", "paper", "serve", "soak_peer", "view", "cli"}:
+        if module not in {
+            "run",
+            "record",
+            "scene",
+            "compare",
+            "export",
+            "paper",
+            "attendant",
+            "desk",
+            "recorder",
+            "serve",
+            "soak_peer",
+            "view",
+            "cli",
+        }:
             assert "telemetry" not in imports(path), f"{path.name} knows telemetry"
 
 

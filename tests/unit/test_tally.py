@@ -35,10 +35,11 @@ def repeated(given: list[Frame], times: int) -> list[Frame]:
 
 def counted(given: list[Frame], begun: list[Begun], tolerance: float = 0.0) -> Tally:
     tally = Tally(tolerance)
-    tally.begun.extend(begun)
+    for plan in begun:
+        tally.begin(plan)
     for frame in given:
         tally.take(frame)
-    tally.close()
+    tally.facts()
     return tally
 
 
@@ -88,12 +89,12 @@ def test_memory_does_not_grow() -> None:
     given = [frame for frame in frames() if frame.step % 10 == 0]  # coarse, for many plans
     tally = Tally(0.0)
     for k in range(KEPT + 20):
-        tally.begun.append(Begun(len(given) * k, k + 1, TASK, 0.0, PRESCRIBED))
+        tally.begin(Begun(len(given) * k, k + 1, TASK, 0.0, PRESCRIBED))
         for n, frame in enumerate(given):
             step = len(given) * k + n
             tally.take(frame._replace(step=step, time=step / 100.0))
             assert len(tally._frames) <= CHUNK + 3
-    tally.close()
+    tally.facts()
     assert tally.arrived == KEPT + 20
     assert [begun.number for begun, _ in tally.newest] == list(range(21, KEPT + 21))
 

@@ -1,0 +1,77 @@
+"""The ring, both ends in one process: what crosses a process is in test_sink_process."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from integration.synthetic_cell import random_frame
+
+from deltaph.frame import COMMANDS, OUTCOMES, Frame
+from deltaph.telemetry.ring import FrameRing
+
+FRAMES = [random_frame(step) for step in range(50)]
+
+
+def equal(first: Frame, second: Frame) -> bool:
+    return all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
+
+
+def ends(capacity: int) -> tuple[FrameRing, FrameRing]:
+    """Both ends of a ring."""
+    putting = FrameRing(capacity)
+    taking = FrameRing.__new__(FrameRing)
+    taking.__setstate__(putting.__getstate__())
+    return putting, taking
+
+
+def everything(ring: FrameRing) -> list[Frame]:
+    found: list[Frame] = []
+    while frames := ring.take():
+        found += frames
+    return found
+
+
+def test_frames_come_out_as_they_went_in_and_in_order() -> None:
+    putting, taking = ends(7)
+    for first in range(0, len(FRAMES), 5):  # the ends go round at different places
+        group = FRAMES[first : first + 5]
+        assert all(putting.put(frame) for frame in group)
+        found = everything(taking)
+        assert len(found) == len(group)
+        assert all(map(equal, found, group))
+
+
+def test_a_full_ring_takes_no_more_until_there_is_room() -> None:
+    putting, taking = ends(10)
+    assert [putting.put(frame) for frame in FRAMES[:12]] == [True] * 10 + [False] * 2
+    assert [frame.step for frame in everything(taking)] == list(range(10))
+    assert putting.put(FRAMES[12])
+    assert [frame.step for frame in everything(taking)] == [12]
+
+
+def test_frames_are_kept_while_the_ring_goes_on() -> None:
+    putting, taking = ends(3)
+    putting.put(FRAMES[0])
+    (kept,) = taking.take()
+    for frame in FRAMES[1:4]:
+        putting.put(frame)
+    assert equal(kept, FRAMES[0])
+    assert not kept.planner_floats.flags.writeable
+
+
+def test_counts_of_commands_are_one_array_as_long_as_no_more_come() -> None:
+    putting, taking = ends(10)
+    counts = np.zeros((len(COMMANDS), len(OUTCOMES)), dtype=np.int32)
+    more = counts.copy()
+    more[1, 1] = 1
+    given = [counts, counts, more, more, counts]
+    for frame, commands in zip(FRAMES, given, strict=False):
+        putting.put(frame._replace(commands=commands))
+    found = [frame.commands for frame in taking.take()]
+    assert all(map(np.array_equal, found, given))
+    assert [a is b for a, b in pairwise(found)] == [True, False, True, False]
+
+
+def test_capacity_is_at_least_one() -> None:
+    with pytest.raises(ValueError, match="capacity is 0"):
+        FrameRing(0)
