@@ -125,7 +125,7 @@ class Attendant:
     Args:
         scenario: where the robot rests first, and the communication step.
         overrides: questions (command, value), answered with `Overridden`.
-        tasks: question None of them: `Standing` asks for itself; a `Job` is answered with `Verdict` or `Unasked`.
+        tasks: a `Job` is answered with `Verdict` or `Unasked`; what is none asks for the `Standing`.
         begin: is told which plan begins when.
     """
 

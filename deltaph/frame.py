@@ -66,7 +66,7 @@ TIMING: tuple[tuple[str, str, str], ...] = (
     ("missed_by_exchange", "1", "Of those: what the loop does besides took too long"),
     ("missed_by_system", "1", "Of those: woken late by the system"),
     ("slipped_steps", "1", "Whole steps so far by which the deadlines moved, because nothing is caught up"),
-    ("dropped_frames", "1", "Frames so far that a sink did not get: its queue was full, or it had failed"),
+    ("dropped_frames", "1", "Frames so far that a sink did not get: there was no room, or it had failed"),
 )
 """Name, unit and description of the columns of `Frame.timing`."""
 

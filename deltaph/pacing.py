@@ -34,7 +34,7 @@ SPIN_NS = 60_000
 
 _PR_SET_TIMERSLACK = 29  # linux/prctl.h
 _MCL_CURRENT = 1
-_SWITCH_INTERVAL = 5e-5  # a sink's thread gives the interpreter back within this [s]; Python's own 5 ms are five steps
+_SWITCH_INTERVAL = 5e-5  # a progress bar's thread gives the interpreter back within this [s]; Python's own 5 ms are five steps
 
 
 class _Timespec(ctypes.Structure):
@@ -188,7 +188,7 @@ class Undisturbed:
 def undisturbed(asked: Undisturbed) -> Iterator[None]:
     """Garbage collection off, sleeping exact, threads quick to yield, priority and processor as asked; undone at the end.
 
-    Only the calling thread is changed: the sinks' threads, started before, keep what they have.
+    Only the calling thread is changed; the sinks' processes keep what they have.
 
     Raises:
         EnvironmentProblem: the system refuses what was asked for.

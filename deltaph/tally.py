@@ -16,7 +16,7 @@ from deltaph.scenario import Task
 from deltaph.variables import variable_table
 
 CHUNK = 250
-"""Frames that are evaluated at once, which takes some milliseconds of the sink's thread."""
+"""Frames that are evaluated at once, which takes some milliseconds."""
 
 KEPT = 100
 """Plans, the newest, of which the report tells what they were and how their corners were passed."""

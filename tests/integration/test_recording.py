@@ -4,6 +4,7 @@ import re
 import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from rerun.chunk import RrdReader
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import TIMING, Frame
-from deltaph.telemetry import BackgroundSink, Recorder, layout
+from deltaph.telemetry import Recorder, SinkProcess, layout
 from deltaph.telemetry.events import EventWatch
 from deltaph.telemetry.keys import FRAME_MESSAGES
 from deltaph.telemetry.scene import CornerMark
@@ -437,9 +438,14 @@ def test_file_that_cannot_be_written_is_an_error_before_the_run(tmp_path: Path) 
             Recorder(path, scene())
 
 
+def recorder_of_the_scene(path: Path) -> Recorder:
+    return Recorder(path, scene(), chunk=10)
+
+
 def test_file_that_becomes_impossible_is_an_error_at_the_end(tmp_path: Path) -> None:
     (tmp_path / "directory").mkdir()
-    sink = BackgroundSink(Recorder(tmp_path / "directory" / "run.rrd", scene(), chunk=10), 100)
+    sink = SinkProcess("recorder", partial(recorder_of_the_scene, tmp_path / "directory" / "run.rrd"), 100)
+    sink.await_open()
     (tmp_path / "directory").rmdir()
     for frame in FRAMES[:20]:
         sink.take(frame)

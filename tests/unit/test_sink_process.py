@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from operator import attrgetter, methodcaller
+from operator import methodcaller
 from pathlib import Path
 from typing import TypeVar
 
@@ -155,7 +155,7 @@ def test_a_question_that_fails_does_not_end_the_sink() -> None:
 
 def test_a_sink_that_cannot_be_opened_says_so_when_asked() -> None:
     with sink_process(none_of_it) as sink, pytest.raises(EnvironmentProblem, match="it cannot be opened"):
-        sink.ask(attrgetter("frames"))
+        sink.await_open()
 
 
 def test_a_process_that_was_killed_is_told() -> None:
