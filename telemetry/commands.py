@@ -171,17 +171,14 @@ class CommandCounts:
 
     def __init__(self) -> None:
         self._memory = CONTEXT.RawArray(ctypes.c_int32, NO_COMMANDS.size)
-        self._seen, self._counts = bytes(self._memory), NO_COMMANDS
 
     def add(self, command: Command, outcome: Outcome) -> None:
         """Count one; one call at a time."""
         self._memory[COMMANDS.index(command) * len(OUTCOMES) + OUTCOMES.index(outcome)] += 1
 
     def read(self) -> NDArray[np.int32]:
-        """The counts (COMMANDS, OUTCOMES), read-only; the same array as long as no more come."""
-        if (seen := bytes(self._memory)) != self._seen:
-            self._seen, self._counts = seen, np.frombuffer(seen, np.int32).reshape(NO_COMMANDS.shape)
-        return self._counts
+        """The counts (COMMANDS, OUTCOMES)."""
+        return np.frombuffer(bytes(self._memory), np.int32).reshape(NO_COMMANDS.shape)
 
 
 class CommandService:

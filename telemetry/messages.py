@@ -16,7 +16,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from deltaph.frame import TIMING, Frame
+from deltaph.frame import TIMING, Frame, records
 from deltaph.telemetry.commands import commands_schema
 from deltaph.telemetry.events import EVENT_FLOATS, EVENT_INTEGERS, Event
 from deltaph.telemetry.keys import MESSAGE_NAMES, MessageName
@@ -147,15 +147,15 @@ class Layout:
 
     def records(self, frames: Sequence[Frame]) -> Records:
         """What decoding the messages of frames would give, with their step as sequence number (n,)."""
+        given = records(frames)
         blocks = np.zeros(len(frames), self._blocks)
         blocks["header"] = HEADER
-        blocks["sequence"] = [frame.step for frame in frames]
-        blocks["time"] = [frame.time for frame in frames]
-        blocks["unix_time_ns"] = [frame.unix_time_ns for frame in frames]
-        if frames:
-            blocks["floats"] = np.stack([self._floats.of(frame) for frame in frames])
-            if self._integers is not None:
-                blocks["integers"] = np.stack([self._integers.of(frame) for frame in frames])
+        blocks["sequence"] = given["step"]
+        blocks["time"] = given["time"]
+        blocks["unix_time_ns"] = given["unix_time_ns"]
+        blocks["floats"] = given[self._floats.array][:, self._floats.columns]
+        if self._integers is not None:
+            blocks["integers"] = given[self._integers.array][:, self._integers.columns]
         return blocks.view(self.dtype)
 
     def values(self, records: Records, group: str) -> NDArray[Any]:

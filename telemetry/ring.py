@@ -6,10 +6,7 @@ import ctypes
 import multiprocessing
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from deltaph.frame import NO_COMMANDS, Frame, record_dtype
+from deltaph.frame import Frame, record_dtype
 
 CONTEXT = multiprocessing.get_context("spawn")
 """How processes are started: with nothing of this one, whose threads and locks a fork would copy halfway."""
@@ -39,10 +36,9 @@ class FrameRing:
         self._attach()
 
     def _attach(self) -> None:
-        self._records = np.frombuffer(memoryview(self._memory), record_dtype())
-        self._columns = [self._records[name] for name in record_dtype().names or ()]
+        self._bytes = memoryview(self._memory).cast("B")
+        self._count = len(self._bytes) // record_dtype().itemsize
         self._at = 0  # where this end goes on
-        self._commands = NO_COMMANDS
 
     def __getstate__(self) -> tuple[Any, ...]:
         return self._memory, self._filled, self._free
@@ -55,37 +51,24 @@ class FrameRing:
         """Copy a frame in; False where there is no room."""
         if not self._free.acquire(block=False):
             return False
-        at = self._at
-        for column, value in zip(self._columns, frame, strict=True):
-            column[at] = value
-        self._at = (at + 1) % len(self._records)
+        self._bytes[self._place(1)] = frame.record
+        self._at = (self._at + 1) % self._count
         self._filled.release()
         return True
 
     def take(self) -> list[Frame]:
         """Copy out the frames that wait, in order, at most some hundreds."""
-        room = min(_BATCH, len(self._records) - self._at)
+        room = min(_BATCH, self._count - self._at)
         count = 0
         while count < room and self._filled.acquire(block=False):
             count += 1
-        if not count:
-            return []
-        block = self._records[self._at : self._at + count].copy()
-        block.setflags(write=False)
-        self._at = (self._at + count) % len(self._records)
+        block, size = memoryview(bytes(self._bytes[self._place(count)])), record_dtype().itemsize
+        self._at = (self._at + count) % self._count
         for _ in range(count):
             self._free.release()
-        names = block.dtype.names or ()
-        scalars = (block[name].tolist() for name in names[:3])
-        arrays = (block[name] for name in names[3:-1])
-        return list(map(Frame._make, zip(*scalars, *arrays, self._shared(block[names[-1]]), strict=True)))
+        return [Frame(block[k * size : (k + 1) * size]) for k in range(count)]
 
-    def _shared(self, commands: NDArray[np.int32]) -> list[NDArray[np.int32]]:
-        """Counts of commands (n, ...) as a frame has them: the same array as long as no more come."""
-        found = []
-        for at, same in enumerate((commands == np.concatenate([self._commands[None], commands[:-1]])).all(axis=(1, 2)).tolist()):
-            if not same:
-                self._commands = commands[at].copy()
-                self._commands.setflags(write=False)
-            found.append(self._commands)
-        return found
+    def _place(self, count: int) -> slice:
+        """Where the next records are."""
+        size = record_dtype().itemsize
+        return slice(self._at * size, (self._at + count) * size)

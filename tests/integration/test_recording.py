@@ -13,7 +13,7 @@ import pyarrow
 import pytest
 import rerun_cli
 from integration.read_back import Recording, assert_same_rows
-from integration.synthetic_cell import DEVIATION, FOREARM, RIGHT_ANGLE_PATH, elbows, frames, scene, values_of
+from integration.synthetic_cell import DEVIATION, FOREARM, RIGHT_ANGLE_PATH, elbows, frames, replaced, scene, values_of
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
@@ -205,7 +205,7 @@ def test_what_is_held_has_rows_where_it_changes_and_at_the_end(recording: Record
     for frame in FRAMES[:60]:
         timing = frame.timing.copy()
         timing[name] = frame.step // 25
-        recorder.take(frame._replace(timing=timing))
+        recorder.take(replaced(frame, timing=timing))
     recorder.close()
     rows = Recording(tmp_path / "run.rrd")
     assert rows.rows["/timing/missed_deadlines"]["step"].tolist() == [0, 25, 50, 59]
@@ -396,7 +396,7 @@ def test_missed_deadlines_do_not_bury_the_other_events(tmp_path: Path) -> None:
     for frame in FRAMES[:50]:
         timing = frame.timing.copy()
         timing[column] = max(frame.step - 9, 0)
-        late.append(frame._replace(timing=timing))
+        late.append(replaced(frame, timing=timing))
     rows = Recording(record(tmp_path / "run.rrd", recorded=late)).rows
     assert rows["/event/missed_deadline"]["step"].tolist() == list(range(10, 50))
     assert "deadline" not in str(rows["/event"]["TextLog:text"])

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zenoh
-from integration.synthetic_cell import frames, values_of
+from integration.synthetic_cell import frames, replaced, values_of
 from zenoh import ext
 
 from deltaph.errors import EnvironmentProblem
@@ -319,7 +319,7 @@ def test_zenohs_own_advanced_subscriber_gets_the_history() -> None:
 def test_who_was_stopped_gets_what_is_kept_and_counts_the_rest(tmp_path: Path, history: int) -> None:
     config = tmp_path / "lease.json5"  # who is silent for so long is given up, and what was on its way to him is lost [ms]
     config.write_text("{ transport: { link: { tx: { lease: 1000 } } } }", encoding="utf-8")
-    offered = [frame._replace(step=n, time=1e-3 * n) for n, frame in enumerate(frames(1000) * 8)]
+    offered = [replaced(frame, step=n, time=1e-3 * n) for n, frame in enumerate(frames(1000) * 8)]
     command = [sys.executable, "-P", "-c", TALLYING_READER]
     with cell(history=history) as publisher, ExitStack() as stack:
         arguments = [*command, publisher.endpoints[0], CELL, str(config)]
