@@ -154,15 +154,7 @@ def pack(
 ) -> bytes:
     """The record of a frame with these attributes. The arrays are of the types that `record_dtype` has."""
     head, times = _HEAD.pack(step, time, unix_time_ns), _TIMING.pack(*timing)
-    parts: Any = (
-        head,
-        planner[0],
-        plant[0],
-        times,
-        planner[1],
-        plant[1],
-        commands,
-    )  # arrays are buffers, typed so from Python 3.12 on
+    parts: Any = head, planner[0], plant[0], times, planner[1], plant[1], commands  # arrays are buffers, says Python 3.12
     return b"".join(parts)
 
 

@@ -53,8 +53,8 @@ def test_recent_frames_live_as_long_as_somebody_keeps_one_of_their_block() -> No
         frame = recent.append(float(n), n, planner, plant, given.timing.tolist())
         assert (frame.step, frame.time) == (n, float(n))
         if n % BLOCK_FRAMES == 0:
-            assert frame.planner_floats.base is not None
-            blocks.append(weakref.ref(frame.planner_floats.base))
+            assert isinstance(frame.record, memoryview)
+            blocks.append(weakref.ref(frame.record.obj))
         if n == BLOCK_FRAMES + 7:
             kept.append(frame)
         del frame
