@@ -69,12 +69,14 @@ def _endpoint() -> str:
 
 
 def _resident(pid: int) -> float | None:
-    """Resident memory of a process [MB]; None where the system does not tell."""
+    """Resident memory of a process and those that it has started [MB]; None where the system does not tell."""
     try:
         pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
+        children = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()
     except (OSError, IndexError, ValueError):
         return None
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+    of_children = (_resident(int(child)) for child in children)
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6 + sum(size for size in of_children if size is not None)
 
 
 class _Stage:

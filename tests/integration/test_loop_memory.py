@@ -48,7 +48,7 @@ def sink() -> Iterator[SinkProcess[Publisher]]:
 
 def test_memory_is_flat_while_frames_are_published(sink: SinkProcess[Publisher]) -> None:
     assert blocks_that_stay(sink) < 0.05
-    assert blocks_that_stay(sink, retained=[]) > 5.0  # a sink that kept its frames would be seen
+    assert blocks_that_stay(sink, retained=[]) > 1.5  # a sink that kept its frames would be seen
     assert sink.dropped == 0
 
 
