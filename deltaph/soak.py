@@ -69,14 +69,16 @@ def _endpoint() -> str:
 
 
 def _resident(pid: int) -> float | None:
-    """Resident memory of a process and those that it has started [MB]; None where the system does not tell."""
-    try:
-        pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
-        children = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()
-    except (OSError, IndexError, ValueError):
-        return None
-    of_children = (_resident(int(child)) for child in children)
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6 + sum(size for size in of_children if size is not None)
+    """Resident memory of a process and those that it has started [MB]; None where it is gone."""
+    pages = 0
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            parent = int((process / "stat").read_text(encoding="utf-8").rpartition(")")[2].split()[1])
+            if pid in (int(process.name), parent):
+                pages += int((process / "statm").read_text(encoding="ascii").split()[1])
+        except OSError:  # it ended meanwhile
+            continue
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6 if pages else None
 
 
 class _Stage:
