@@ -7,7 +7,7 @@ import os
 import select
 import signal
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from multiprocessing.connection import Connection
 from multiprocessing.util import Finalize
 from types import TracebackType
@@ -23,7 +23,7 @@ POLL = 5e-4
 NICENESS = 5
 """Where processors are short, the step loop comes first."""
 
-_PATIENCE = 10.0  # with a process that has said that it ends [s]
+_PATIENCE = 2.0  # with a process that ends, or was interrupted in what it does [s]
 
 S = TypeVar("S", bound=Sink)
 T = TypeVar("T")
@@ -49,9 +49,10 @@ class SinkProcess(Generic[S]):
         self._line, theirs = CONTEXT.Pipe()
         arguments = open_sink, self._ring, self._lost, theirs, poll
         self._process = CONTEXT.Process(target=_work, args=arguments, name=name, daemon=True)
-        self._process.start()
+        with _signals_for_this_process():
+            self._process.start()
         theirs.close()
-        self._closed = self._failed = False
+        self._closed = self._failed = self._interrupted = False
         Finalize(self, self._line.close, exitpriority=1)  # of one that was never closed, before Python waits for its end
 
     def __enter__(self) -> Self:
@@ -109,8 +110,9 @@ class SinkProcess(Generic[S]):
         self._closed = True
         heard = self._failed
         try:
-            self._send(None, wants_answer=True)
-            self._answer()
+            if not self._interrupted:
+                self._send(None, wants_answer=True)
+                self._answer()
         except DeltaphError:
             if not heard:
                 raise
@@ -128,10 +130,12 @@ class SinkProcess(Generic[S]):
             raise self._died() from error
 
     def _answer(self) -> Any:
+        self._interrupted = True
         try:
             answer = self._line.recv()
         except (EOFError, OSError) as error:
             raise self._died() from error
+        self._interrupted = False
         if isinstance(answer, DeltaphError):
             self._failed = True
             raise answer
@@ -143,11 +147,21 @@ class SinkProcess(Generic[S]):
         return EnvironmentProblem(f"the process of the {self._process.name} has died, exit code {self._process.exitcode}")
 
 
+@contextlib.contextmanager
+def _signals_for_this_process() -> Iterator[None]:
+    """What is started meanwhile hears none of the signals that ask a program to end, from its first moment on."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _work(open_sink: Callable[[], Sink], ring: FrameRing, lost: Any, line: Connection, poll: float) -> None:
     """What the process does."""
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)
     if hasattr(os, "nice"):
         os.nice(NICENESS)
     _Worker(open_sink, ring, lost, line).work(poll)
@@ -188,7 +202,7 @@ class _Worker:
         while select.select([self._line], [], [], timeout)[0]:
             try:
                 self._told.append(self._line.recv())
-            except EOFError:
+            except (EOFError, ConnectionResetError):
                 return False
             timeout = 0.0
         return True

@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -172,3 +174,31 @@ def test_signals_are_for_the_process_that_started_it() -> None:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             os.kill(sink.ask(Steps.pid), number)
         assert sink.ask(Steps.steps) == []
+
+
+LEFT_ALONE = """
+import sys, time
+from functools import partial
+from pathlib import Path
+from deltaph.telemetry import SinkProcess
+from unit.test_sink_process import FRAMES, Steps
+sink = SinkProcess("sink", partial(Steps, Path(sys.argv[1])), 100)
+sink.await_open()
+for frame in FRAMES:
+    sink.take(frame)
+print("taken", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_a_sink_is_closed_when_the_process_that_started_it_is_killed(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", LEFT_ALONE, str(tmp_path / "closed")]
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"taken\n"
+        process.kill()
+        wait_until((tmp_path / "closed").exists)
+    wait_until(lambda: (tmp_path / "closed").read_text(encoding="ascii") == "50")
