@@ -84,6 +84,8 @@ class Publisher:
         self._messages = [(layout(name), self._publisher(name)) for name in FRAME_MESSAGES]
         self._plan, self._plan_publisher = layout("plan"), self._publisher("plan")
         self._event, self._event_publisher = layout("event"), self._publisher("event")
+        block = zenoh.CongestionControl.BLOCK  # it ends the stream: it may wait, and must not be lost
+        self._summary_publisher = self._session.declare_publisher(self._keys.of("summary"), congestion_control=block)
         self._watch, self._events = EventWatch(), 0
         self._queryables = [self._session.declare_queryable(self._keys.of(name), self._answering(name)) for name in QUERY_NAMES]
         self._token = self._session.liveliness().declare_token(self._keys.token)
@@ -149,15 +151,8 @@ class Publisher:
             return
         if "summary" in self._answers:
             payload, encoding = self._answers["summary"]
-            block = zenoh.CongestionControl.BLOCK  # it ends the stream: it may wait, and must not be lost
-            self._session.put(
-                self._keys.of("summary"),
-                payload,
-                encoding=encoding,
-                attachment=json.dumps(self._last_numbers()),
-                congestion_control=block,
-            )
-            if self.subscribers():
+            self._summary_publisher.put(payload, encoding=encoding, attachment=json.dumps(self._last_numbers()))
+            if self._summary_publisher.matching_status.matching:
                 time.sleep(_LINGER)
         self._session.close()  # type: ignore[no-untyped-call]
 
