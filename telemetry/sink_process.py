@@ -87,7 +87,8 @@ class SinkProcess(Generic[S]):
         Args:
             what: is called with the sink, over there; can be pickled.
         """
-        self._send(what, wants_answer=False)
+        with contextlib.suppress(OSError):  # a process that has died is one of those errors
+            self._line.send((self._put, what, False))
 
     def ask(self, what: Callable[[S], T]) -> T:
         """Have something done with the sink, as `tell`, and wait for what comes of it.
@@ -96,8 +97,7 @@ class SinkProcess(Generic[S]):
             DeltaphError: what opening the sink, a frame, `tell` or this has raised.
             EnvironmentProblem: the process has died.
         """
-        self._send(what, wants_answer=True)
-        return self._answer()  # type: ignore[no-any-return]
+        return self._answer_to(what)  # type: ignore[no-any-return]
 
     def close(self) -> None:
         """Close the sink once it has taken all that was handed over, and end the process. A second call does nothing.
@@ -111,8 +111,7 @@ class SinkProcess(Generic[S]):
         heard = self._failed
         try:
             if not self._interrupted:
-                self._send(None, wants_answer=True)
-                self._answer()
+                self._answer_to(None)
         except DeltaphError:
             if not heard:
                 raise
@@ -123,15 +122,10 @@ class SinkProcess(Generic[S]):
                 self._process.kill()
                 self._process.join()
 
-    def _send(self, what: Callable[[S], object] | None, *, wants_answer: bool) -> None:
-        try:
-            self._line.send((self._put, what, wants_answer))
-        except OSError as error:
-            raise self._died() from error
-
-    def _answer(self) -> Any:
+    def _answer_to(self, what: Callable[[S], object] | None) -> Any:
         self._interrupted = True
         try:
+            self._line.send((self._put, what, True))
             answer = self._line.recv()
         except (EOFError, OSError) as error:
             raise self._died() from error

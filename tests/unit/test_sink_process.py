@@ -163,6 +163,8 @@ def test_a_sink_that_cannot_be_opened_says_so_when_asked() -> None:
 def test_a_process_that_was_killed_is_told() -> None:
     with sink_process(Steps) as sink:
         os.kill(sink.ask(Steps.pid), signal.SIGKILL)
+        for _ in range(2):
+            sink.tell(Steps.refuse)  # does not throw: it is called in step loops
         with pytest.raises(EnvironmentProblem, match="the process of the sink has died, exit code -9"):
             sink.ask(Steps.steps)
         for frame in FRAMES:
