@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
-from typing import Literal, NamedTuple, Protocol, get_args, overload
+from functools import cache
+from typing import Any, Literal, Protocol, get_args, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deltaph.variables import Model, variable_table
+from deltaph.variables import variable_table
 
 Command = Literal["none", "ppo", "hold", "resume", "stop", "feed"]
 Outcome = Literal["none", "accepted", "infeasible", "busy", "stopped", "tripped", "invalid", "failed"]
@@ -22,33 +24,6 @@ OUTCOMES: tuple[Outcome, ...] = get_args(Outcome)
 NO_COMMANDS = np.zeros((len(COMMANDS), len(OUTCOMES)), dtype=np.int32)
 NO_COMMANDS.setflags(write=False)
 
-
-class Frame(NamedTuple):
-    """The outputs of both FMUs at one communication point. Arrays are read-only views of rows that are never written again.
-
-    Attributes:
-        step: number of the communication point; 0 is the initial state.
-        time: simulation time, start + step * communication step [s].
-        unix_time_ns: wall clock when the outputs were read [ns].
-        planner_floats: Float64 outputs of the planner in table order, SI (n,).
-        planner_integers: all other outputs of the planner in table order (m,).
-        plant_floats: Float64 outputs of the plant in table order, SI (n,).
-        plant_integers: all other outputs of the plant in table order (m,).
-        timing: in the order of TIMING (k,).
-        commands: how many commands so far had which outcome (COMMANDS, OUTCOMES); the same array as long as no more come.
-    """
-
-    step: int
-    time: float
-    unix_time_ns: int
-    planner_floats: NDArray[np.float64]
-    planner_integers: NDArray[np.int32]
-    plant_floats: NDArray[np.float64]
-    plant_integers: NDArray[np.int32]
-    timing: NDArray[np.float64]
-    commands: NDArray[np.int32] = NO_COMMANDS
-
-
 TIMING: tuple[tuple[str, str, str], ...] = (
     ("planner_step", "s", "Duration of the planner's step that led to this communication point"),
     ("plant_step", "s", "Duration of the plant's step that led to this communication point"),
@@ -61,11 +36,131 @@ TIMING: tuple[tuple[str, str, str], ...] = (
     ("missed_by_publish", "1", "Of those: handing the frame to the sinks took too long"),
     ("missed_by_exchange", "1", "Of those: what the loop does besides took too long"),
     ("missed_by_system", "1", "Of those: woken late by the system"),
-    ("missed_by_consumer", "1", "Of those: woken late while the sinks' threads computed"),
     ("slipped_steps", "1", "Whole steps so far by which the deadlines moved, because nothing is caught up"),
-    ("dropped_frames", "1", "Frames so far that a sink did not get: its queue was full, or it had failed"),
+    ("dropped_frames", "1", "Frames so far that a sink did not get: there was no room, or it had failed"),
 )
 """Name, unit and description of the columns of `Frame.timing`."""
+
+
+_HEAD = struct.Struct("=qdq")
+_TIMING = struct.Struct(f"={len(TIMING)}d")
+
+Buffer = bytes | bytearray | memoryview
+
+Outputs = tuple[NDArray[np.float64], NDArray[np.int32]]
+"""Of an FMU in table order: the Float64 ones, SI, and all others."""
+
+
+@cache
+def record_dtype() -> np.dtype[np.void]:
+    """How a frame lies in memory, some 1 KB: its attributes in an order that leaves no gaps."""
+    outputs = {model: variable_table(model).of("output") for model in ("planner", "plant")}
+    floats = {model: sum(v.is_float for v in of_model) for model, of_model in outputs.items()}
+    return np.dtype(
+        [
+            ("step", "i8"),
+            ("time", "f8"),
+            ("unix_time_ns", "i8"),
+            *((f"{model}_floats", "f8", (floats[model],)) for model in outputs),
+            ("timing", "f8", (len(TIMING),)),
+            *((f"{model}_integers", "i4", (len(outputs[model]) - floats[model],)) for model in outputs),
+            ("commands", "i4", NO_COMMANDS.shape),
+        ]
+    )
+
+
+@cache
+def _place(name: str) -> tuple[np.dtype[Any], int, int, tuple[int, ...]]:
+    """Where an array of a frame lies: type, count, offset, shape."""
+    fields = record_dtype().fields
+    assert fields is not None
+    field, offset = fields[name][:2]
+    return field.base, int(np.prod(field.shape)), offset, field.shape
+
+
+class Frame:
+    """The outputs of both FMUs at one communication point: one record, of which the attributes are views.
+
+    Attributes:
+        record: the whole of it, as `record_dtype` has it.
+
+    Args:
+        record: likewise; not to be written any more.
+    """
+
+    __slots__ = ("record",)
+
+    def __init__(self, record: Buffer) -> None:
+        self.record = record
+
+    @property
+    def step(self) -> int:
+        """Number of the communication point; 0 is the initial state."""
+        return int(_HEAD.unpack_from(self.record)[0])
+
+    @property
+    def time(self) -> float:
+        """Simulation time, start + step * communication step [s]."""
+        return float(_HEAD.unpack_from(self.record)[1])
+
+    @property
+    def unix_time_ns(self) -> int:
+        """Wall clock when the outputs were read [ns]."""
+        return int(_HEAD.unpack_from(self.record)[2])
+
+    @property
+    def planner_floats(self) -> NDArray[np.float64]:
+        """Float64 outputs of the planner in table order, SI (n,)."""
+        return self._array("planner_floats")
+
+    @property
+    def planner_integers(self) -> NDArray[np.int32]:
+        """All other outputs of the planner in table order (m,)."""
+        return self._array("planner_integers")
+
+    @property
+    def plant_floats(self) -> NDArray[np.float64]:
+        """Float64 outputs of the plant in table order, SI (n,)."""
+        return self._array("plant_floats")
+
+    @property
+    def plant_integers(self) -> NDArray[np.int32]:
+        """All other outputs of the plant in table order (m,)."""
+        return self._array("plant_integers")
+
+    @property
+    def timing(self) -> NDArray[np.float64]:
+        """In the order of TIMING (k,)."""
+        return self._array("timing")
+
+    @property
+    def commands(self) -> NDArray[np.int32]:
+        """How many commands so far had which outcome (COMMANDS, OUTCOMES)."""
+        return self._array("commands")
+
+    def _array(self, name: str) -> NDArray[Any]:
+        dtype, count, offset, shape = _place(name)
+        return np.frombuffer(self.record, dtype, count, offset).reshape(shape)
+
+
+def pack(
+    step: int,
+    time: float,
+    unix_time_ns: int,
+    planner: Outputs,
+    plant: Outputs,
+    timing: Sequence[float],
+    commands: NDArray[np.int32] = NO_COMMANDS,
+) -> bytes:
+    """The record of a frame with these attributes. The arrays are of the types that `record_dtype` has."""
+    head, times = _HEAD.pack(step, time, unix_time_ns), _TIMING.pack(*timing)
+    parts: Any = head, planner[0], plant[0], times, planner[1], plant[1], commands  # arrays are buffers, says Python 3.12
+    return b"".join(parts)
+
+
+def records(frames: Sequence[Frame]) -> NDArray[np.void]:
+    """Frames as one structured array (frames,), copied."""
+    return np.frombuffer(bytearray().join(frame.record for frame in frames), record_dtype())
 
 
 class Sink(Protocol):
@@ -94,26 +189,19 @@ class ListSink:
         """Nothing to finish."""
 
 
-_MODELS: tuple[Model, ...] = ("planner", "plant")
-
-
 class FrameStore(Protocol):
     """Where the importer keeps frames."""
 
-    def append(
-        self,
-        time: float,
-        unix_time_ns: int,
-        planner: tuple[NDArray[np.float64], NDArray[np.int32]],
-        plant: tuple[NDArray[np.float64], NDArray[np.int32]],
-        timing: Sequence[float],
-    ) -> Frame:
-        """Copy the outputs of both FMUs, Float64 and others, into the next row; returns the frame that shows it."""
+    def append(self, time: float, unix_time_ns: int, planner: Outputs, plant: Outputs, timing: Sequence[float]) -> Frame:
+        """Copy the outputs of both FMUs into the next record; returns the frame that shows it."""
         ...
 
 
 class Frames(Sequence[Frame]):
-    """The frames of a run, in memory that is allocated and touched before the first step: some 1.2 KB each.
+    """The frames of a run, in memory that is allocated and touched before the first step.
+
+    Attributes:
+        commands: of the frames to come.
 
     Args:
         count: frames that fit.
@@ -121,47 +209,25 @@ class Frames(Sequence[Frame]):
     """
 
     def __init__(self, count: int, first: int = 0) -> None:
+        self.commands = NO_COMMANDS
         self._first = first
-        self._arrays: dict[str, NDArray[np.float64] | NDArray[np.int32]] = {"timing": np.empty((count, len(TIMING)))}
-        for model in _MODELS:
-            outputs = variable_table(model).of("output")
-            floats = sum(v.is_float for v in outputs)
-            self._arrays[f"{model}_floats"] = np.empty((count, floats))
-            self._arrays[f"{model}_integers"] = np.empty((count, len(outputs) - floats), dtype=np.int32)
-        self._time, self._unix_time_ns = np.empty(count), np.empty(count, dtype=np.int64)
-        for array in (*self._arrays.values(), self._time, self._unix_time_ns):
-            array.fill(0)  # memory of the system is none yet: the first write to a page is a fault
-        self._views = {name: array.view() for name, array in self._arrays.items()}
-        for view in self._views.values():
-            view.setflags(write=False)
         self._length = 0
+        self._records = np.empty(count, record_dtype())
+        memory = self._records.view(np.uint8)
+        memory.fill(0)  # memory of the system is none yet: the first write to a page is a fault
+        self._memory = memoryview(memory)  # type: ignore[arg-type]
+        self._shown = self._memory.toreadonly()
 
-    def append(
-        self,
-        time: float,
-        unix_time_ns: int,
-        planner: tuple[NDArray[np.float64], NDArray[np.int32]],
-        plant: tuple[NDArray[np.float64], NDArray[np.int32]],
-        timing: Sequence[float],
-        commands: NDArray[np.int32] = NO_COMMANDS,
-    ) -> Frame:
-        """Copy the outputs of both FMUs, Float64 and others, into the next row; returns the frame that shows it."""
+    def append(self, time: float, unix_time_ns: int, planner: Outputs, plant: Outputs, timing: Sequence[float]) -> Frame:
+        """Copy the outputs of both FMUs into the next record; returns the frame that shows it."""
         n = self._length
-        arrays = self._arrays
-        arrays["planner_floats"][n], arrays["planner_integers"][n] = planner
-        arrays["plant_floats"][n], arrays["plant_integers"][n] = plant
-        arrays["timing"][n] = timing
-        self._time[n], self._unix_time_ns[n] = time, unix_time_ns
+        self._memory[self._place(n)] = pack(self._first + n, time, unix_time_ns, planner, plant, timing, self.commands)
         self._length = n + 1
-        return self._frame(n, commands)
+        return Frame(self._shown[self._place(n)])
 
-    def column(self, what: str) -> NDArray[np.float64]:
-        """One field of all frames (frames, ...), not copied."""
-        if what == "time":
-            return self._time[: self._length]
-        if what == "commands":
-            return np.broadcast_to(NO_COMMANDS, (self._length, *NO_COMMANDS.shape))
-        return self._views[what][: self._length]  # type: ignore[return-value]
+    def column(self, what: str) -> NDArray[Any]:
+        """One attribute of all frames (frames, ...), not copied."""
+        return self._records[: self._length][what]
 
     def __len__(self) -> int:
         return self._length
@@ -172,14 +238,15 @@ class Frames(Sequence[Frame]):
     def __getitem__(self, index: slice) -> list[Frame]: ...
     def __getitem__(self, index: int | slice) -> Frame | list[Frame]:
         if isinstance(index, slice):
-            return [self._frame(n) for n in range(*index.indices(self._length))]
+            return [Frame(self._shown[self._place(n)]) for n in range(*index.indices(self._length))]
         if not -self._length <= index < self._length:
             raise IndexError(index)
-        return self._frame(index % self._length)
+        return Frame(self._shown[self._place(index % self._length)])
 
-    def _frame(self, n: int, commands: NDArray[np.int32] = NO_COMMANDS) -> Frame:
-        views = {name: view[n] for name, view in self._views.items()}
-        return Frame(self._first + n, float(self._time[n]), int(self._unix_time_ns[n]), **views, commands=commands)
+    @staticmethod
+    def _place(n: int) -> slice:
+        size = record_dtype().itemsize
+        return slice(n * size, (n + 1) * size)
 
 
 BLOCK_FRAMES = 256
@@ -198,23 +265,17 @@ class RecentFrames:
         self._block = Frames(BLOCK_FRAMES)
         self._next = 0
 
-    def append(
-        self,
-        time: float,
-        unix_time_ns: int,
-        planner: tuple[NDArray[np.float64], NDArray[np.int32]],
-        plant: tuple[NDArray[np.float64], NDArray[np.int32]],
-        timing: Sequence[float],
-    ) -> Frame:
-        """Copy the outputs of both FMUs, Float64 and others, into the next row; returns the frame that shows it."""
+    def append(self, time: float, unix_time_ns: int, planner: Outputs, plant: Outputs, timing: Sequence[float]) -> Frame:
+        """Copy the outputs of both FMUs into the next record; returns the frame that shows it."""
         if len(self._block) == BLOCK_FRAMES:
             self._block = Frames(BLOCK_FRAMES, self._next)
         self._next += 1
-        return self._block.append(time, unix_time_ns, planner, plant, timing, self.commands)
+        self._block.commands = self.commands
+        return self._block.append(time, unix_time_ns, planner, plant, timing)
 
 
-def columns(frames: Sequence[Frame], what: str) -> NDArray[np.float64]:
-    """One field of many frames (frames, ...)."""
+def columns(frames: Sequence[Frame], what: str) -> NDArray[Any]:
+    """One attribute of many frames (frames, ...)."""
     if isinstance(frames, Frames):
         return frames.column(what)
-    return np.array([getattr(frame, what) for frame in frames])
+    return records(frames)[what]

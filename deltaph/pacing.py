@@ -22,9 +22,9 @@ from deltaph.errors import EnvironmentProblem
 TOLERANCE = 0.1
 """Of a step: the jitter a cell is allowed before a deadline counts as missed."""
 
-CAUSES = ("planner", "plant", "publish", "exchange", "system", "consumer")
-"""Why a deadline is missed: the longest part of a step that took too long (`exchange`: all that is none of the other three), woken
-late by the system, or woken late while other threads of this process computed, which are the sinks'."""
+CAUSES = ("planner", "plant", "publish", "exchange", "system")
+"""Why a deadline is missed: the longest part of a step that took too long (`exchange`: all that is none of the other three), or
+woken late by the system."""
 
 HISTOGRAM_US = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000, 100_000)
 """Upper bounds of the lateness histogram's bins [us]; one more bin takes what is later."""
@@ -34,7 +34,7 @@ SPIN_NS = 60_000
 
 _PR_SET_TIMERSLACK = 29  # linux/prctl.h
 _MCL_CURRENT = 1
-_SWITCH_INTERVAL = 5e-5  # a sink's thread gives the interpreter back within this [s]; Python's own 5 ms are five steps
+_SWITCH_INTERVAL = 5e-5  # a progress bar's thread gives the interpreter back within this [s]; Python's own 5 ms are five steps
 
 
 class _Timespec(ctypes.Structure):
@@ -99,7 +99,6 @@ class Pacer:
         step_ns: communication step [ns].
         clock: [ns].
         sleep_until: sleeps until a time of the clock.
-        computed: time that the process's other threads have computed [ns].
     """
 
     def __init__(
@@ -108,14 +107,12 @@ class Pacer:
         *,
         clock: Callable[[], int] = time.monotonic_ns,
         sleep_until: Callable[[int], None] | None = None,
-        computed: Callable[[], int] = lambda: time.process_time_ns() - time.thread_time_ns(),
     ) -> None:
         self.account = Account()
         self._step = step_ns
         self._tolerance = int(TOLERANCE * step_ns)
         self._clock = clock
         self._sleep_until = sleep_until or _absolute_sleep()
-        self._computed = computed
         self._deadline = self._reached = 0
         self._cause: int | None = None
 
@@ -137,23 +134,17 @@ class Pacer:
         clock, account = self._clock, self.account
         self._deadline = deadline = self._deadline + self._step
         done = now = clock()
-        before = self._computed()
         if now < deadline - SPIN_NS:
             self._sleep_until(deadline - SPIN_NS)
             now = clock()
-        woken = now
-        others = self._computed() - before
         while now < deadline:
             now = clock()
         late = now - deadline
         account.deadlines += 1
         account.histogram[_bin(late / 1000)] += 1
         if late > self._tolerance:
-            if done <= deadline:
-                # Where in doubt between system and sinks, it is the sinks.
-                cause = CAUSES.index("consumer" if others >= woken - deadline > 0 else "system")
-            else:
-                cause = self._work(done - self._reached, (planner, plant, publish))
+            parts = planner, plant, publish
+            cause = CAUSES.index("system") if done <= deadline else self._work(done - self._reached, parts)
             self._cause = cause
             account.missed[cause] += 1
             lost = late // self._step
@@ -197,7 +188,7 @@ class Undisturbed:
 def undisturbed(asked: Undisturbed) -> Iterator[None]:
     """Garbage collection off, sleeping exact, threads quick to yield, priority and processor as asked; undone at the end.
 
-    Only the calling thread is changed: the sinks' threads, started before, keep what they have.
+    Only the calling thread is changed; the sinks' processes keep what they have.
 
     Raises:
         EnvironmentProblem: the system refuses what was asked for.

@@ -10,10 +10,9 @@ from pathlib import Path
 from rich.console import Console
 
 from deltaph.errors import DeltaphError
+from deltaph.recorder import open_recorder, record_summary
 from deltaph.scenario import scenario_from_json
-from deltaph.scene import corner_marks, scene_of, served_marks, served_scene
-from deltaph.telemetry import CellKeys, Destination, Recorder, Subscriber
-from deltaph.verdict import serving_markdown, summary_markdown
+from deltaph.telemetry import CellKeys, Destination, Subscriber
 
 
 def follow_cell(
@@ -46,8 +45,7 @@ def follow_cell(
             document = subscriber.ask("scenario")
             serves = bool(document.pop("serves", False))
             scenario = scenario_from_json(json.dumps(document))
-        scene = served_scene(scenario) if serves else scene_of(scenario)
-        recorder = Recorder(destination, scene)
+        recorder = open_recorder(destination, scenario, serves=serves)
         stack.callback(recorder.close)
         try:
             with log.status(f"following {scenario.title}"):
@@ -56,12 +54,7 @@ def follow_cell(
         except KeyboardInterrupt:
             log.print("interrupted: the recording ends here", style="dim", soft_wrap=True)
         if subscriber.summary is not None:
-            facts = subscriber.summary
-            if serves:
-                served = served_marks(facts), served_scene(scenario, facts)
-                recorder.summary(serving_markdown(scenario, facts), json.dumps(facts), *served)
-            else:
-                recorder.summary(summary_markdown(scenario, facts), json.dumps(facts), corner_marks(facts, scene))
+            record_summary(recorder, scenario, subscriber.summary)
     found = f"{subscriber.received['actual']} frames, {sum(subscriber.missing.values()) or 'no'} messages lost"
     return found if subscriber.summary is not None else f"{found}, without the cell's end"
 

@@ -44,6 +44,9 @@ class Robot:
 
     parameters: dict[str, float]
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {"parameters": self.parameters}  # the kernel's struct is memory of this process
+
     @classmethod
     def default(cls, **changes: float) -> Self:
         """The default robot with some parameters changed, named as in the FMUs without `robot.`."""

@@ -6,6 +6,8 @@ import json
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
+from operator import attrgetter, methodcaller
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,12 +21,12 @@ from deltaph.fmu import cached_fmus
 from deltaph.frame import Frame, Frames
 from deltaph.importer import cosimulate
 from deltaph.pacing import Undisturbed
+from deltaph.recorder import open_recorder, record_summary
 from deltaph.report import executed_facts, operation_facts, plan_facts, print_run, sequence_facts, timing_facts
 from deltaph.scenario import Scenario, load_scenario
-from deltaph.scene import corner_marks, scene_of, served_scene
 from deltaph.schedule import Schedule, schedule
-from deltaph.telemetry import BackgroundSink, CellKeys, Publisher
-from deltaph.verdict import provenance_facts, summary_markdown
+from deltaph.telemetry import CellKeys, Publisher, SinkProcess
+from deltaph.verdict import provenance_facts
 
 if TYPE_CHECKING:
     from deltaph.telemetry import Recorder
@@ -36,7 +38,10 @@ SUBSCRIBER_TIMEOUT = 60.0
 """How long `--wait-subscribers` waits [s]."""
 
 QUEUE_FRAMES = 20_000
-"""Frames that may wait for a sink: 20 s at 1 kHz, some 20 MB."""
+"""Frames that may wait for a sink: 20 s at 1 kHz, some 28 MB."""
+
+SLOW_POLL = 0.05
+"""Between two looks of a sink from which nobody expects an answer at once [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,6 +57,11 @@ class Options:
     wait_subscribers: int = 0
     zenoh_config: Path | None = None
     cell: str | None = None
+
+    @property
+    def session(self) -> dict[str, Any]:
+        """What a publisher is told about its session."""
+        return {"listen": self.listen, "connect": self.connect, "config": self.zenoh_config}
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,11 +96,13 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
     run.require_within(scenario.limits)
     with log.status("building the FMUs"):
         fmus = cached_fmus()
-
     with ExitStack() as stack:
-        publisher, publishing = open_publisher(scenario, options, log, stack) if options.telemetry else (None, None)
-        recorder, recording = open_recorder(scenario, options.record, log, stack) if options.record else (None, None)
-        sinks = [sink for sink in (publishing, recording) if sink is not None]
+        publisher = stack.enter_context(_publishing(scenario, options)) if options.telemetry else None
+        recorder = stack.enter_context(recording(options.record, scenario, serves=False)) if options.record else None
+        sinks = [sink for sink in (publisher, recorder) if sink is not None]
+        await_sinks(sinks, log)
+        if publisher is not None:
+            await_subscribers(publisher, scenario, options, log)
 
         frames = Frames(run.steps + 1)
         stepping = cosimulate(
@@ -99,8 +111,6 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
         for frame in _with_progress(stepping, run, log):
             for sink in sinks:
                 sink.take(frame)
-        for sink in sinks:
-            sink.drain()
 
         trace = Trace(frames)
         execution = evaluate(trace, run)
@@ -117,17 +127,17 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
             "executed": executed_facts(execution),
             "timing": timing_facts(trace, realtime=options.realtime is not None),
             "telemetry": {
-                "published": publisher.published if publisher is not None else 0,
-                "dropped": publishing.dropped if publishing is not None else 0,
+                "published": publisher.ask(attrgetter("published")) if publisher is not None else 0,
+                "dropped": publisher.dropped if publisher is not None else 0,
             },
             "recording": str(options.record) if options.record is not None else None,
             "expect": [check.as_dict() for check in checks],
             "provenance": provenance_facts(scenario),
         }
         if publisher is not None:
-            publisher.set_summary(json.dumps(facts))
+            publisher.tell(methodcaller("set_summary", json.dumps(facts)))
         if recorder is not None:
-            recorder.summary(summary_markdown(scenario, facts), json.dumps(facts), corner_marks(facts, recorder.scene))
+            recorder.tell(partial(record_summary, scenario=scenario, facts=facts))
 
     print_run(console, scenario, run, facts, execution, trace, checks, realtime=options.realtime is not None)
     if options.record is not None:
@@ -151,32 +161,37 @@ def load_cell(path: Path, options: Options) -> Scenario:
     return replace(scenario, cell=options.cell)
 
 
-def open_publisher(
-    scenario: Scenario, options: Options, log: Console, stack: ExitStack, *, serves: bool = False
-) -> tuple[Publisher, BackgroundSink]:
-    """The publisher of a cell, once its subscribers are there, and the sink that feeds it; `stack` closes both."""
-    document = json.dumps({**json.loads(scenario.json), "serves": True}) if serves else scenario.json
-    publisher = Publisher(scenario.cell, document, listen=options.listen, connect=options.connect, config=options.zenoh_config)
-    sink = BackgroundSink(publisher, QUEUE_FRAMES)
-    stack.callback(sink.close)
-    log.print(f"cell {scenario.cell} on {', '.join(publisher.endpoints)}", style="dim", soft_wrap=True)
+def _publishing(scenario: Scenario, options: Options) -> SinkProcess[Publisher]:
+    return SinkProcess("publisher", partial(Publisher, scenario.cell, scenario.json, **options.session), QUEUE_FRAMES)
+
+
+def await_sinks(sinks: Sequence[SinkProcess[Any]], log: Console) -> None:
+    """Wait until all are open, and their processes take no time away from the step loop.
+
+    Raises:
+        DeltaphError: one cannot be opened.
+    """
+    with log.status("opening the outputs"):
+        for sink in sinks:
+            sink.await_open()
+
+
+def await_subscribers(publisher: SinkProcess[Any], scenario: Scenario, options: Options, log: Console) -> None:
+    """Say where a cell publishes, and wait until its subscribers are there.
+
+    Raises:
+        EnvironmentProblem: they do not come.
+    """
+    endpoints = publisher.ask(attrgetter("endpoints"))
+    log.print(f"cell {scenario.cell} on {', '.join(endpoints)}", style="dim", soft_wrap=True)
     if options.wait_subscribers:
         with log.status(f"waiting for {options.wait_subscribers} subscribers"):
-            publisher.wait_for_subscribers(options.wait_subscribers, SUBSCRIBER_TIMEOUT)
-    return publisher, sink
+            publisher.ask(methodcaller("wait_for_subscribers", options.wait_subscribers, SUBSCRIBER_TIMEOUT))
 
 
-def open_recorder(
-    scenario: Scenario, path: Path, log: Console, stack: ExitStack, *, serves: bool = False
-) -> tuple[Recorder, BackgroundSink]:
-    """The recorder of a cell, and the sink that feeds it; `stack` closes both."""
-    with log.status("opening the recording"):
-        from deltaph.telemetry import Recorder  # Rerun takes a second to import
-
-        recorder = Recorder(path, served_scene(scenario) if serves else scene_of(scenario))
-    sink = BackgroundSink(recorder, QUEUE_FRAMES)
-    stack.callback(sink.close)
-    return recorder, sink
+def recording(path: Path, scenario: Scenario, *, serves: bool) -> SinkProcess[Recorder]:
+    """The recorder of a cell."""
+    return SinkProcess("recorder", partial(open_recorder, path, scenario, serves=serves), QUEUE_FRAMES, SLOW_POLL)
 
 
 def _with_progress(frames: Iterator[Frame], run: Schedule, log: Console) -> Iterator[Frame]:

@@ -69,12 +69,16 @@ def _endpoint() -> str:
 
 
 def _resident(pid: int) -> float | None:
-    """Resident memory of a process [MB]; None where the system does not tell."""
-    try:
-        pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
-    except (OSError, IndexError, ValueError):
-        return None
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+    """Resident memory of a process and those that it has started [MB]; None where it is gone."""
+    pages = 0
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            parent = int((process / "stat").read_text(encoding="utf-8").rpartition(")")[2].split()[1])
+            if pid in (int(process.name), parent):
+                pages += int((process / "statm").read_text(encoding="ascii").split()[1])
+        except OSError:  # it ended meanwhile
+            continue
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6 if pages else None
 
 
 class _Stage:

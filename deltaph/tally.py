@@ -16,7 +16,7 @@ from deltaph.scenario import Task
 from deltaph.variables import variable_table
 
 CHUNK = 250
-"""Frames that are evaluated at once, which takes some milliseconds of the sink's thread."""
+"""Frames that are evaluated at once, which takes some milliseconds."""
 
 KEPT = 100
 """Plans, the newest, of which the report tells what they were and how their corners were passed."""
@@ -94,7 +94,6 @@ class Tally:
     """A sink that counts.
 
     Attributes:
-        begun: where who starts plans leaves them, in order.
         arrived: plans that ran to their end.
         corners: corners that were passed.
         kept: of those, within what is prescribed and the tolerance.
@@ -106,7 +105,7 @@ class Tally:
     """
 
     def __init__(self, tolerance: float) -> None:
-        self.begun: deque[Begun] = deque()
+        self._begun: deque[Begun] = deque()
         self.arrived = self.corners = self.kept = 0
         self.worst: Pass | None = None
         self.newest: deque[tuple[Begun, list[Pass]]] = deque(maxlen=KEPT)
@@ -118,6 +117,10 @@ class Tally:
         self._step_max = self._lateness_max = self._error_max = 0.0
         self._step_us, self._lateness_us = (np.zeros(len(HISTOGRAM_US) + 1, dtype=np.int64) for _ in range(2))
 
+    def begin(self, begun: Begun) -> None:
+        """A plan begins; before its first frame, in order."""
+        self._begun.append(begun)
+
     def take(self, frame: Frame) -> None:
         """Count a frame."""
         self._frames.append(frame)
@@ -125,13 +128,13 @@ class Tally:
             self._evaluate()
 
     def close(self) -> None:
-        """Count what is left."""
+        """Nothing to finish."""
+
+    def facts(self) -> dict[str, Any]:
+        """For the report, after the last frame, under the names of a run's where they mean the same."""
         self._evaluate()
         if self._last is not None and not self._integers(self._last)["path.phase"]:
             self._finish(self._last)
-
-    def facts(self) -> dict[str, Any]:
-        """For the report, under the names of a run's where they mean the same. After `close`."""
         last = self._last
         integers = {} if last is None else self._integers(last)
         timing = {} if last is None else dict(zip(_TIMING, last.timing.tolist(), strict=True))
@@ -205,8 +208,8 @@ class Tally:
         self._frames = frames[-_OVERLAP:]
 
     def _evaluate_corners(self, frames: list[Frame]) -> None:
-        while self.begun and self.begun[0].step <= frames[-1].step:
-            begins = self.begun.popleft()
+        while self._begun and self._begun[0].step <= frames[-1].step:
+            begins = self._begun.popleft()
             self._approach([frame for frame in frames if frame.step < begins.step])
             self._finish(frames[-1])
             self._running, self._nearest = begins, [_Approach(), _Approach()]

@@ -7,14 +7,24 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from deltaph.telemetry.background import BackgroundSink
-from deltaph.telemetry.commands import CommandClient, CommandService, FeedFacts, PlanFacts, PpoRequest, RefusedPlan, Reply
+from deltaph.telemetry.commands import (
+    CommandClient,
+    CommandCounts,
+    CommandService,
+    FeedFacts,
+    PlanFacts,
+    PpoRequest,
+    RefusedPlan,
+    Reply,
+)
 from deltaph.telemetry.events import EVENT_KINDS, EventKind
 from deltaph.telemetry.keys import MESSAGE_NAMES, CellKeys, MessageName
+from deltaph.telemetry.line import Answering, Asking, LineClosedError, line
 from deltaph.telemetry.messages import Layout, layout, schema_document
 from deltaph.telemetry.publisher import Publisher
 from deltaph.telemetry.scene import Scene
 from deltaph.telemetry.session import DEFAULT_ENDPOINT, open_client_session, open_router_session
+from deltaph.telemetry.sink_process import SinkProcess
 from deltaph.telemetry.subscriber import Message, Subscriber
 
 if TYPE_CHECKING:
@@ -25,14 +35,17 @@ __all__ = [
     "DEFAULT_ENDPOINT",
     "EVENT_KINDS",
     "MESSAGE_NAMES",
-    "BackgroundSink",
+    "Answering",
+    "Asking",
     "CellKeys",
     "CommandClient",
+    "CommandCounts",
     "CommandService",
     "Destination",
     "EventKind",
     "FeedFacts",
     "Layout",
+    "LineClosedError",
     "Message",
     "MessageName",
     "PlanFacts",
@@ -42,8 +55,10 @@ __all__ = [
     "RefusedPlan",
     "Reply",
     "Scene",
+    "SinkProcess",
     "Subscriber",
     "layout",
+    "line",
     "open_client_session",
     "open_router_session",
     "schema_document",

@@ -5,21 +5,26 @@ A refusal is a reply too, with `accepted` false and the reason; only a wildcard 
 
 from __future__ import annotations
 
+import ctypes
 import reprlib
 import threading
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Annotated, Any, Protocol, Self
 
+import numpy as np
 import zenoh
 from annotated_types import Ge, Le
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import COMMANDS, NO_COMMANDS, OUTCOMES, Command, Outcome
 from deltaph.telemetry.keys import CellKeys
+from deltaph.telemetry.ring import CONTEXT
 from deltaph.telemetry.session import COMMAND_RATE, open_client_session, replies
 
 MAX_REQUEST = 4096
@@ -119,7 +124,7 @@ class Reply(_Model):
     command: Command
     accepted: bool
     outcome: Outcome = Field(description="accepted, or why not")
-    time: float = Field(description="simulation time of the decision; of the override: when it is in force at the latest [s]")
+    time: float = Field(description="simulation time of the decision; of the override: from when on it is in force [s]")
     reason: str | None = Field(None, description="of a refusal, one sentence")
     plan: PlanFacts | None = Field(None, description="of an accepted ppo")
     refused: RefusedPlan | None = Field(None, description="of a ppo that is not planned")
@@ -149,15 +154,11 @@ class Cell(Protocol):
 
     @property
     def time(self) -> float:
-        """Simulation time by which an override that is given now is in force [s]."""
+        """Simulation time [s]."""
         ...
 
-    def override(self, command: Command, value: float | None) -> FeedFacts:
-        """Take hold, resume, stop or feed. At once, one call at a time."""
-        ...
-
-    def discarded(self) -> int | None:
-        """How many requests the last stop has discarded; waits until it is known, some steps. None: the cell ends first."""
+    def override(self, command: Command, value: float | None) -> Reply:
+        """Take hold, resume, stop or feed; may wait, some steps. One call at a time."""
         ...
 
     def ppo(self, request: PpoRequest) -> Reply:
@@ -165,31 +166,45 @@ class Cell(Protocol):
         ...
 
 
+class CommandCounts:
+    """How many commands so far had which outcome, in memory that the process that answers them shares with the step loop."""
+
+    def __init__(self) -> None:
+        self._memory = CONTEXT.RawArray(ctypes.c_int32, NO_COMMANDS.size)
+
+    def add(self, command: Command, outcome: Outcome) -> None:
+        """Count one; one call at a time."""
+        self._memory[COMMANDS.index(command) * len(OUTCOMES) + OUTCOMES.index(outcome)] += 1
+
+    def read(self) -> NDArray[np.int32]:
+        """The counts (COMMANDS, OUTCOMES)."""
+        return np.frombuffer(bytes(self._memory), np.int32).reshape(NO_COMMANDS.shape)
+
+
 class CommandService:
     """Answers the commands to a cell.
 
-    The override is taken in Zenoh's thread, at once and always: a hold is heard in a flood. A stop is in force as soon; its answer
-    says what it has discarded, which takes two steps more. A PPO is handed to a thread of its own, one at a time; what comes
-    meanwhile is refused as busy. The step loop never waits for either, but Zenoh's threads and the loop share the interpreter, so
-    that of a flood the session lets in no more than COMMAND_RATE of each command. An access list says who may command.
-
-    Attributes:
-        counts: commands so far by outcome (COMMANDS, OUTCOMES); replaced, never written.
+    The override is taken in Zenoh's thread, always: a hold is heard in a flood. A PPO is handed to a thread of its own, one at a
+    time; what comes meanwhile is refused as busy. Of a flood the session lets in no more than COMMAND_RATE of each command. An
+    access list says who may command.
 
     Args:
         session: of the cell.
         cell: its name.
         carry_out: who does it.
+        counts: of commands by outcome.
         journal: takes a line on every command.
     """
 
-    def __init__(self, session: zenoh.Session, cell: str, carry_out: Cell, journal: Callable[[str], None]) -> None:
-        self.counts = NO_COMMANDS
+    def __init__(
+        self, session: zenoh.Session, cell: str, carry_out: Cell, counts: CommandCounts, journal: Callable[[str], None]
+    ) -> None:
         self._keys = CellKeys(cell)
         self._cell = carry_out
+        self._counts = counts
         self._journal = journal
-        self._lock = threading.Lock()
-        self._free = True
+        self._counting, self._overriding = threading.Lock(), threading.Lock()
+        self._free = threading.Semaphore(1)
         self._ppo: tuple[zenoh.Query, bytes] | None = None
         self._come = threading.Semaphore(0)
         self._thread = threading.Thread(target=self._work, name="ppo", daemon=True)
@@ -213,17 +228,14 @@ class CommandService:
             self._count("none", "invalid")
             query.reply_err(f"{key} is no single command: known are {', '.join(map(self._keys.command, REQUESTS))}".encode())
             return
-        if command == "ppo":
-            with self._lock:
-                free, self._free = self._free, False
-            if not free:
-                self._reply(query, self._refusal(command, "busy", "busy: another PPO is being decided"))
-                return
+        if command == "ppo" and not self._free.acquire(blocking=False):
+            self._reply(query, self._refusal(command, "busy", "busy: another PPO is being decided"))
+            return
         length = 0 if query.payload is None else len(query.payload)
         if length > MAX_REQUEST:
             reason = f"the request has {length} bytes: at most {MAX_REQUEST}"
             if command == "ppo":
-                self._free = True
+                self._free.release()
             self._reply(query, self._refusal(command, "invalid", reason))
             return
         payload = b"" if query.payload is None else query.payload.to_bytes()
@@ -238,11 +250,10 @@ class CommandService:
         if isinstance(request, str):
             self._reply(query, self._refusal(command, "invalid", request))
             return
-        with self._lock:
-            feed = self._cell.override(command, request.value if isinstance(request, FeedRequest) else None)
-            at = self._cell.time
-        discarded = self._cell.discarded() if command == "stop" else None
-        self._reply(query, Reply(command=command, accepted=True, outcome="accepted", time=at, feed=feed, discarded=discarded))
+        value = request.value if isinstance(request, FeedRequest) else None
+        with self._overriding:
+            reply = self._decide(command, partial(self._cell.override, command, value))
+        self._reply(query, reply)
 
     def _work(self) -> None:
         """Decide one PPO after the other."""
@@ -251,16 +262,19 @@ class CommandService:
                 return
             (query, payload), self._ppo = self._ppo, None
             request = _parse("ppo", payload)
-            reply = self._decide(request) if isinstance(request, PpoRequest) else self._refusal("ppo", "invalid", str(request))
-            self._free = True  # before the answer: who has it may send the next one
+            if isinstance(request, PpoRequest):
+                reply = self._decide("ppo", partial(self._cell.ppo, request))
+            else:
+                reply = self._refusal("ppo", "invalid", str(request))
+            self._free.release()  # before the answer: who has it may send the next one
             self._reply(query, reply)
             del query  # which ends it
 
-    def _decide(self, request: PpoRequest) -> Reply:
+    def _decide(self, command: Command, decide: Callable[[], Reply]) -> Reply:
         try:
-            return self._cell.ppo(request)
+            return decide()
         except Exception as error:  # a cell does not stop for what one request brings up; it says so
-            return self._refusal("ppo", "failed", f"the cell could not judge it: {type(error).__name__}: {error}")
+            return self._refusal(command, "failed", f"the cell could not judge it: {type(error).__name__}: {error}")
 
     def _refusal(self, command: Command, outcome: Outcome, reason: str) -> Reply:
         return Reply(command=command, accepted=False, outcome=outcome, time=self._cell.time, reason=reason)
@@ -275,11 +289,8 @@ class CommandService:
             self._journal(f"command {reply.command} could not be answered: {error}")
 
     def _count(self, command: Command, outcome: Outcome) -> None:
-        with self._lock:
-            counts = self.counts.copy()
-            counts[COMMANDS.index(command), OUTCOMES.index(outcome)] += 1
-            counts.setflags(write=False)
-            self.counts = counts
+        with self._counting:
+            self._counts.add(command, outcome)
 
 
 def sentence(reply: Reply) -> str:

@@ -101,7 +101,7 @@ class EventWatch:
 
     def __init__(self) -> None:
         self._before = _State(-1, 0, 0, 0, 0, 0, 0)
-        self._commands = NO_COMMANDS
+        self._commands = NO_COMMANDS.tobytes()
         self._planner, self._planner_floats = _columns("planner", floats=False), _columns("planner", floats=True)
         self._plant = _columns("plant", floats=False)
 
@@ -118,8 +118,8 @@ class EventWatch:
             int(frame.timing[_MISSED]),
         )
         before, self._before = self._before, now
-        commands, self._commands = self._commands, frame.commands
-        if now[1:] == before[1:] and now.step == before.step + 1 and frame.commands is commands:  # nearly every frame
+        commands, self._commands = self._commands, frame.commands.tobytes()
+        if now[1:] == before[1:] and now.step == before.step + 1 and self._commands == commands:  # nearly every frame
             return []
         return [*self._compare(before, now, frame), *_decided(commands, frame)]
 
@@ -145,9 +145,10 @@ class EventWatch:
             yield event(frame, "missed_deadline", count=now.missed)
 
 
-def _decided(before: NDArray[np.int32], frame: Frame) -> Iterator[Event]:
+def _decided(before: bytes, frame: Frame) -> Iterator[Event]:
     """What became of commands since: one event for those that are alike."""
-    for command, outcome in np.argwhere(frame.commands != before).tolist():
+    changed = frame.commands != np.frombuffer(before, NO_COMMANDS.dtype).reshape(NO_COMMANDS.shape)
+    for command, outcome in np.argwhere(changed).tolist():
         kind: EventKind = "command_accepted" if OUTCOMES[outcome] == "accepted" else "command_refused"
         yield event(frame, kind, command=command, outcome=outcome, count=int(frame.commands[command, outcome]))
 

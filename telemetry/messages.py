@@ -16,7 +16,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from deltaph.frame import TIMING, Frame
+from deltaph.frame import TIMING, Frame, records
 from deltaph.telemetry.commands import commands_schema
 from deltaph.telemetry.events import EVENT_FLOATS, EVENT_INTEGERS, Event
 from deltaph.telemetry.keys import MESSAGE_NAMES, MessageName
@@ -28,9 +28,10 @@ HEADER = bytes((0, 1, 0, 0))
 Records = NDArray[np.void]
 """Decoded messages of one layout: a structured array (n,)."""
 
-_VERSIONS: dict[MessageName, int] = {"timing": 2, "event": 2, "plan": 2}
-"""Version of a layout that is not the first. Timing 2 accounts for missed deadlines by cause and counts what sinks did not get;
-event 2 has commands; plan 2 counts what was cancelled. Items that are appended to an enumeration change no layout."""
+_VERSIONS: dict[MessageName, int] = {"timing": 3, "event": 2, "plan": 2}
+"""Version of a layout that is not the first. Timing 2 accounts for missed deadlines by cause and counts what sinks did not get,
+3 knows no cause `consumer`: who consumes is no part of the loop's process; event 2 has commands; plan 2 counts what was cancelled.
+Items that are appended to an enumeration change no layout."""
 
 _HEAD = struct.Struct("<4sQdQ")
 _SIZES = {"uint64": 8, "float64": 8, "int32": 4}
@@ -146,15 +147,15 @@ class Layout:
 
     def records(self, frames: Sequence[Frame]) -> Records:
         """What decoding the messages of frames would give, with their step as sequence number (n,)."""
+        given = records(frames)
         blocks = np.zeros(len(frames), self._blocks)
         blocks["header"] = HEADER
-        blocks["sequence"] = [frame.step for frame in frames]
-        blocks["time"] = [frame.time for frame in frames]
-        blocks["unix_time_ns"] = [frame.unix_time_ns for frame in frames]
-        if frames:
-            blocks["floats"] = np.stack([self._floats.of(frame) for frame in frames])
-            if self._integers is not None:
-                blocks["integers"] = np.stack([self._integers.of(frame) for frame in frames])
+        blocks["sequence"] = given["step"]
+        blocks["time"] = given["time"]
+        blocks["unix_time_ns"] = given["unix_time_ns"]
+        blocks["floats"] = given[self._floats.array][:, self._floats.columns]
+        if self._integers is not None:
+            blocks["integers"] = given[self._integers.array][:, self._integers.columns]
         return blocks.view(self.dtype)
 
     def values(self, records: Records, group: str) -> NDArray[Any]:

@@ -33,7 +33,7 @@ class Publisher:
     The last message is the summary; its attachment tells the last sequence number of each kind: a loss at the end shows as well.
 
     The newest messages are kept by Zenoh's advanced publishers, which any advanced subscriber asks for what it missed. `take` waits
-    while they answer, up to 0.3 s where that is all they keep: it belongs into a `BackgroundSink`. Replies are dropped where a
+    while they answer, up to 0.3 s where that is all they keep: it belongs into a `SinkProcess`. Replies are dropped where a
     reader does not read, not waited for: one that has stopped must not hold up the others.
 
     Attributes:
@@ -84,6 +84,8 @@ class Publisher:
         self._messages = [(layout(name), self._publisher(name)) for name in FRAME_MESSAGES]
         self._plan, self._plan_publisher = layout("plan"), self._publisher("plan")
         self._event, self._event_publisher = layout("event"), self._publisher("event")
+        block = zenoh.CongestionControl.BLOCK  # it ends the stream: it may wait, and must not be lost
+        self._summary_publisher = self._session.declare_publisher(self._keys.of("summary"), congestion_control=block)
         self._watch, self._events = EventWatch(), 0
         self._queryables = [self._session.declare_queryable(self._keys.of(name), self._answering(name)) for name in QUERY_NAMES]
         self._token = self._session.liveliness().declare_token(self._keys.token)
@@ -149,15 +151,8 @@ class Publisher:
             return
         if "summary" in self._answers:
             payload, encoding = self._answers["summary"]
-            block = zenoh.CongestionControl.BLOCK  # it ends the stream: it may wait, and must not be lost
-            self._session.put(
-                self._keys.of("summary"),
-                payload,
-                encoding=encoding,
-                attachment=json.dumps(self._last_numbers()),
-                congestion_control=block,
-            )
-            if self.subscribers():
+            self._summary_publisher.put(payload, encoding=encoding, attachment=json.dumps(self._last_numbers()))
+            if self._summary_publisher.matching_status.matching:
                 time.sleep(_LINGER)
         self._session.close()  # type: ignore[no-untyped-call]
 

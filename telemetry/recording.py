@@ -155,7 +155,7 @@ class Recorder:
                 of_passes = approaches(self._scene, corners) if self._scene.served else ()
                 for entity, archetype in (*marks(self._scene, corners), *of_passes):
                     self._stream.log(entity, archetype, static=True, strict=True)
-                if len(corners) > len(CORNERS) or self._scene.served:
+                if len(corners) > len(CORNERS) or (corners and self._scene.served):
                     self._write_passes(corners)
                 self._destination.written(self._stream)
             if self._open_stream is not None and not self._destination.live:  # somebody may be changing the layout of a live one

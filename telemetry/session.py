@@ -24,8 +24,8 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 # A connection that was lost is tried again each second: Zenoh's own pauses grow to 4 s.
 #
 # A message that waits in the sender's queue for longer than `wait_before_drop` is lost, and Zenoh does not say so. The publisher
-# has a thread of its own (BackgroundSink), so it may wait: most of what is too much is then dropped, and counted, at that
-# thread's queue. What a stopped subscriber loses in Zenoh or in the network shows as gaps in its sequence numbers alone.
+# has a process of its own (SinkProcess), so it may wait: most of what is too much is then dropped, and counted, at the ring
+# before it. What a stopped subscriber loses in Zenoh or in the network shows as gaps in its sequence numbers alone.
 _DEFAULTS: dict[str, Any] = {
     "connect": {"retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2}},
     "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},

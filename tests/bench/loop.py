@@ -5,6 +5,7 @@ python tests/bench/loop.py [SECONDS]
 
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from deltaph.importer import cosimulate
 from deltaph.pacing import Undisturbed
 from deltaph.scenario import load_scenario
 from deltaph.schedule import schedule
-from deltaph.telemetry import BackgroundSink, Publisher
+from deltaph.telemetry import Publisher, SinkProcess
 
 ROOT = Path(__file__).parents[2]
 
@@ -32,7 +33,8 @@ def main() -> None:
     scenario = load_scenario(ROOT / "scenarios" / "paper.toml")
     (first, *_) = schedule(scenario).operations
     run = schedule(scenario, max(1, round(1000.0 * seconds / (2 * first.plan.duration_ms))))
-    sink = BackgroundSink(Publisher("bench", "{}", listen=[free_endpoint()]), 20_000)
+    sink = SinkProcess("publisher", partial(Publisher, "bench", "{}", listen=[free_endpoint()]), 20_000)
+    sink.await_open()
     with tempfile.TemporaryDirectory() as folder:
         for name in ("alone", "publishing"):
             frames = Frames(run.steps + 1)
@@ -41,7 +43,6 @@ def main() -> None:
             ):
                 if name == "publishing":
                     sink.take(frame)
-            sink.drain()
             trace = Trace(frames)
             for what in ("publish", "lateness"):
                 cost = percentiles(trace.timing_of(what)[1:])
@@ -53,7 +54,6 @@ def main() -> None:
                 sink.take(frame)
                 counts[frame.step] = counter.off()
                 if frame.step in (run.steps // 4, run.steps):
-                    sink.drain()
                     blocks[int(frame.step == run.steps)] = sys.getallocatedblocks()
                 counter.on()
             counter.off()

@@ -17,6 +17,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from integration.synthetic_cell import replaced
 from make_pictures import viewer_of
 from rerun.chunk import RrdReader
 
@@ -51,7 +52,7 @@ def minute_of(scenario_file: Path) -> list[Frame]:
 
 def moved_on(frame: Frame, steps: int, seconds: float) -> Frame:
     """The same frame later."""
-    return frame._replace(step=frame.step + steps, time=frame.time + seconds)
+    return replaced(frame, step=frame.step + steps, time=frame.time + seconds)
 
 
 def main() -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deltaph.frame import TIMING, Frame
+from deltaph.frame import TIMING, Frame, pack, records
 from deltaph.telemetry.scene import Move, Scene
 from deltaph.variables import Model, variable_table
 
@@ -91,6 +92,19 @@ def _table(model: Model, *, floats: bool, values: Mapping[str, FloatArray], coun
     return table
 
 
+def frame_of(*attributes: Any) -> Frame:
+    """A frame that can be written."""
+    return Frame(bytearray(pack(*attributes)))
+
+
+def replaced(frame: Frame, **attributes: Any) -> Frame:
+    """The same frame but for some attributes."""
+    record = records([frame])
+    for name, value in attributes.items():
+        record[name] = value
+    return Frame(bytearray(record.tobytes()))
+
+
 def random_frame(step: int) -> Frame:
     """A frame in which no two values are equal by accident."""
     random = np.random.default_rng(step)
@@ -99,7 +113,8 @@ def random_frame(step: int) -> Frame:
         outputs = variable_table(model).of("output")
         floats = sum(v.is_float for v in outputs)
         arrays += [random.normal(size=floats), random.integers(0, 2**31, len(outputs) - floats, dtype=np.int32)]
-    return Frame(step, 1e-3 * step, UNIX_TIME_NS + step, *arrays, random.normal(size=len(TIMING)))  # type: ignore[arg-type]
+    planner, plant = tuple(arrays[:2]), tuple(arrays[2:])
+    return frame_of(step, 1e-3 * step, UNIX_TIME_NS + step, planner, plant, random.normal(size=len(TIMING)).tolist())
 
 
 def values_of(frame: Frame) -> dict[str, dict[str, float]]:
@@ -166,13 +181,13 @@ def frames(count: int = 354, step: float = 1e-3, noise: float = 0.0) -> list[Fra
         "tcp_position": actual_tcp,
         "tcp_velocity": rate(actual_tcp),
     }
+    kinds = ((True, np.float64), (False, np.int32))
     tables = [
-        _table(model, floats=floats, values=values, count=count).astype(np.float64 if floats else np.int32)
+        [_table(model, floats=floats, values=values, count=count).astype(kind) for floats, kind in kinds]
         for model, values in (("planner", setpoint), ("plant", actual))
-        for floats in (True, False)
     ]
     timing = np.full((count, len(TIMING)), 5e-5)
     return [
-        Frame(k, k * step, UNIX_TIME_NS + k * 1_000_000, *(table[k] for table in tables), timing[k])  # type: ignore[arg-type]
+        frame_of(k, k * step, UNIX_TIME_NS + k * 1_000_000, *((floats[k], others[k]) for floats, others in tables), timing[k])
         for k in range(count)
     ]

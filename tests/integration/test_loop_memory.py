@@ -3,6 +3,7 @@
 import gc
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,14 +17,14 @@ from deltaph.importer import cosimulate
 from deltaph.pacing import Undisturbed
 from deltaph.scenario import load_scenario
 from deltaph.schedule import schedule
-from deltaph.telemetry import BackgroundSink, Publisher
+from deltaph.telemetry import Publisher, SinkProcess
 
 PAPER = load_scenario(Path(__file__).parents[2] / "scenarios" / "paper.toml")
 RUN = schedule(PAPER, cycles=4)
 WARM = 700  # the first cycle: caches fill
 
 
-def blocks_that_stay(sink: BackgroundSink, retained: list[Frame] | None = None) -> float:
+def blocks_that_stay(sink: SinkProcess[Publisher], retained: list[Frame] | None = None) -> float:
     """Memory blocks that a step leaves behind, on average over the steps after the first cycle."""
     frames = Frames(RUN.steps + 1)
     found = np.zeros(2, dtype=np.int64)  # nothing is allocated to keep the numbers
@@ -32,27 +33,26 @@ def blocks_that_stay(sink: BackgroundSink, retained: list[Frame] | None = None) 
         if retained is not None:
             retained.append(frame)
         if frame.step in (WARM, RUN.steps):
-            sink.drain()  # what waits to be published is not what stays
             gc.collect()
             found[int(frame.step == RUN.steps)] = sys.getallocatedblocks()
     return float(found[1] - found[0]) / (RUN.steps - WARM)
 
 
 @pytest.fixture
-def sink() -> Iterator[BackgroundSink]:
+def sink() -> Iterator[SinkProcess[Publisher]]:
     """A cell that publishes."""
-    sink = BackgroundSink(Publisher("flat", "{}", listen=[free_endpoint()], history=10), 20_000)
-    yield sink
-    sink.close()
+    with SinkProcess("publisher", partial(Publisher, "flat", "{}", listen=[free_endpoint()], history=10), 20_000) as sink:
+        sink.await_open()
+        yield sink
 
 
-def test_memory_is_flat_while_frames_are_published(sink: BackgroundSink) -> None:
+def test_memory_is_flat_while_frames_are_published(sink: SinkProcess[Publisher]) -> None:
     assert blocks_that_stay(sink) < 0.05
-    assert blocks_that_stay(sink, retained=[]) > 5.0  # a sink that kept its frames would be seen
+    assert blocks_that_stay(sink, retained=[]) > 1.5  # a sink that kept its frames would be seen
     assert sink.dropped == 0
 
 
-def test_a_step_allocates_little_and_always_the_same(sink: BackgroundSink, tmp_path: Path) -> None:
+def test_a_step_allocates_little_and_always_the_same(sink: SinkProcess[Publisher], tmp_path: Path) -> None:
     counts = np.zeros((2, RUN.steps + 1), dtype=np.int64)
     with counting(tmp_path) as counter:
         for publishes in (0, 1):
@@ -65,11 +65,11 @@ def test_a_step_allocates_little_and_always_the_same(sink: BackgroundSink, tmp_p
             counter.off()
     alone, publishing = np.diff(counts)[:, 1:]
     assert 0 < np.median(alone) <= 250  # short-lived: what goes in and out of the calls of two FMUs
-    assert np.median(publishing) - np.median(alone) <= 10  # handing a frame over
+    assert np.median(publishing) - np.median(alone) <= 20  # copying a frame out
     assert np.percentile(publishing, 99) - np.percentile(publishing, 1) <= 20
 
 
-def test_no_garbage_is_collected_in_real_time(sink: BackgroundSink) -> None:
+def test_no_garbage_is_collected_in_real_time(sink: SinkProcess[Publisher]) -> None:
     collections: list[str] = []
 
     def note(phase: str, _: dict[str, int]) -> None:

@@ -4,6 +4,7 @@ import re
 import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +13,13 @@ import pyarrow
 import pytest
 import rerun_cli
 from integration.read_back import Recording, assert_same_rows
-from integration.synthetic_cell import DEVIATION, FOREARM, RIGHT_ANGLE_PATH, elbows, frames, scene, values_of
+from integration.synthetic_cell import DEVIATION, FOREARM, RIGHT_ANGLE_PATH, elbows, frames, replaced, scene, values_of
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import TIMING, Frame
-from deltaph.telemetry import BackgroundSink, Recorder, layout
+from deltaph.telemetry import Recorder, SinkProcess, layout
 from deltaph.telemetry.events import EventWatch
 from deltaph.telemetry.keys import FRAME_MESSAGES
 from deltaph.telemetry.scene import CornerMark
@@ -204,7 +205,7 @@ def test_what_is_held_has_rows_where_it_changes_and_at_the_end(recording: Record
     for frame in FRAMES[:60]:
         timing = frame.timing.copy()
         timing[name] = frame.step // 25
-        recorder.take(frame._replace(timing=timing))
+        recorder.take(replaced(frame, timing=timing))
     recorder.close()
     rows = Recording(tmp_path / "run.rrd")
     assert rows.rows["/timing/missed_deadlines"]["step"].tolist() == [0, 25, 50, 59]
@@ -395,7 +396,7 @@ def test_missed_deadlines_do_not_bury_the_other_events(tmp_path: Path) -> None:
     for frame in FRAMES[:50]:
         timing = frame.timing.copy()
         timing[column] = max(frame.step - 9, 0)
-        late.append(frame._replace(timing=timing))
+        late.append(replaced(frame, timing=timing))
     rows = Recording(record(tmp_path / "run.rrd", recorded=late)).rows
     assert rows["/event/missed_deadline"]["step"].tolist() == list(range(10, 50))
     assert "deadline" not in str(rows["/event"]["TextLog:text"])
@@ -437,9 +438,14 @@ def test_file_that_cannot_be_written_is_an_error_before_the_run(tmp_path: Path) 
             Recorder(path, scene())
 
 
+def recorder_of_the_scene(path: Path) -> Recorder:
+    return Recorder(path, scene(), chunk=10)
+
+
 def test_file_that_becomes_impossible_is_an_error_at_the_end(tmp_path: Path) -> None:
     (tmp_path / "directory").mkdir()
-    sink = BackgroundSink(Recorder(tmp_path / "directory" / "run.rrd", scene(), chunk=10), 100)
+    sink = SinkProcess("recorder", partial(recorder_of_the_scene, tmp_path / "directory" / "run.rrd"), 100)
+    sink.await_open()
     (tmp_path / "directory").rmdir()
     for frame in FRAMES[:20]:
         sink.take(frame)

@@ -37,6 +37,7 @@ from deltaph.scenario import Task, parse_scenario, template
 from deltaph.telemetry import (
     EVENT_KINDS,
     CommandClient,
+    CommandCounts,
     CommandService,
     FeedFacts,
     PpoRequest,
@@ -525,12 +526,10 @@ class Faulty:
 
     time = 0.0
 
-    def override(self, command: Command, value: float | None) -> FeedFacts:
-        assert command and value is None
-        return FeedFacts(value=1.0, held=True, stopped=False)
-
-    def discarded(self) -> int | None:
-        return None
+    def override(self, command: Command, value: float | None) -> Reply:
+        assert value is None
+        feed = FeedFacts(value=1.0, held=True, stopped=False)
+        return Reply(command=command, accepted=True, outcome="accepted", time=0.0, feed=feed)
 
     def ppo(self, request: PpoRequest) -> Reply:
         raise ZeroDivisionError(f"of {request.place[0]}")
@@ -539,7 +538,8 @@ class Faulty:
 def test_what_nobody_foresaw_is_answered_counted_and_not_the_end() -> None:
     said: list[str] = []
     publisher = Publisher(CELL, "{}", listen=[free_endpoint()])
-    service = CommandService(publisher.session, CELL, Faulty(), said.append)
+    counts = CommandCounts()
+    service = CommandService(publisher.session, CELL, Faulty(), counts, said.append)
     try:
         with CommandClient(CELL, publisher.endpoints, timeout=DEADLINE) as client:
             for _ in range(2):
@@ -552,8 +552,8 @@ def test_what_nobody_foresaw_is_answered_counted_and_not_the_end() -> None:
                 client.hold()
     finally:
         publisher.close()
-    assert service.counts[COMMANDS.index("ppo"), OUTCOMES.index("failed")] == 2
-    assert service.counts.sum() == 3
+    assert counts.read()[COMMANDS.index("ppo"), OUTCOMES.index("failed")] == 2
+    assert counts.read().sum() == 3
     assert said[0] == "command ppo refused (failed): the cell could not judge it: ZeroDivisionError: of 0.5"
 
 

@@ -79,3 +79,10 @@ def test_there_is_nothing_to_compare_it_by(files: tuple[Path, Path], tmp_path: P
     with pytest.raises(EnvironmentProblem, match="is of a cell that served"):
         compare(*files, tmp_path / "both.rrd")
     assert not (tmp_path / "both.rrd").exists()
+
+
+def test_a_cell_that_was_told_nothing_leaves_a_recording(tmp_path: Path) -> None:
+    with serving(tmp_path, template(), "--record", "idle.rrd") as cell, following(cell) as found:
+        found.wait_for_time(0.1)
+        assert cell.end() == 0, cell.said
+    assert Recording(tmp_path / "idle.rrd").static["/summary"]["TextDocument:text"]

@@ -11,17 +11,19 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
+from operator import attrgetter, methodcaller
 from pathlib import Path
 
 import numpy as np
 import pytest
 import zenoh
-from integration.synthetic_cell import frames, values_of
+from integration.synthetic_cell import frames, replaced, values_of
 from zenoh import ext
 
 from deltaph.errors import EnvironmentProblem
-from deltaph.frame import Frame
-from deltaph.telemetry import DEFAULT_ENDPOINT, EVENT_KINDS, BackgroundSink, Message, Publisher, Subscriber, layout, schema_document
+from deltaph.frame import Frame, Sink
+from deltaph.telemetry import DEFAULT_ENDPOINT, EVENT_KINDS, Message, Publisher, SinkProcess, Subscriber, layout, schema_document
 from deltaph.telemetry.publisher import HISTORY
 from deltaph.telemetry.session import open_client_session
 from deltaph.telemetry.subscriber import _QUIET
@@ -108,7 +110,7 @@ def wait_until(condition: Callable[[], bool]) -> None:
         time.sleep(0.005)
 
 
-def publish_in_real_time(publisher: Publisher, offered: list[Frame]) -> None:
+def publish_in_real_time(publisher: Sink, offered: list[Frame]) -> None:
     begin = time.perf_counter()
     for frame in offered:
         time.sleep(max(0.0, begin + frame.time - time.perf_counter()))
@@ -144,23 +146,20 @@ def following(publisher: Publisher) -> Iterator[tuple[Subscriber, Callable[[], l
 
 def test_foreign_reader_decodes_every_message_at_1_khz() -> None:
     offered = frames(1000)
-    with cell() as publisher:
-        command = [sys.executable, "-c", FOREIGN_READER, publisher.endpoints[0], f"deltaph/{CELL}"]
+    with SinkProcess("publisher", partial(Publisher, CELL, "{}", listen=[free_endpoint()]), len(offered)) as sink:
+        (endpoint,) = sink.ask(attrgetter("endpoints"))
+        command = [sys.executable, "-c", FOREIGN_READER, endpoint, f"deltaph/{CELL}"]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as reader:
-            publisher.wait_for_subscribers(1, DEADLINE)
-            sink = BackgroundSink(publisher, capacity=len(offered))
-            begin = time.perf_counter()
-            for frame in offered:
-                time.sleep(max(0.0, begin + frame.time - time.perf_counter()))
-                sink.take(frame)
-            sink.drain()
-            publisher.set_summary("{}")
+            sink.ask(methodcaller("wait_for_subscribers", 1, DEADLINE))
+            publish_in_real_time(sink, offered)
+            sink.tell(methodcaller("set_summary", "{}"))
+            published = sink.ask(attrgetter("published"))
             sink.close()
             output, _ = reader.communicate(timeout=DEADLINE)
     assert reader.returncode == 0
     read = json.loads(output)
     assert read["complete"], "the token's end or the summary did not come"
-    assert (publisher.published, sink.dropped) == (len(offered), 0)
+    assert (published, sink.dropped) == (len(offered), 0)
     for name in ("setpoint", "actual", "timing"):
         assert read["messages"][name] == [{"sequence": frame.step, **values_of(frame)[name]} for frame in offered]
     assert read["messages"]["plan"] == [{"sequence": 0, **values_of(offered[0])["plan"]}]
@@ -320,7 +319,7 @@ def test_zenohs_own_advanced_subscriber_gets_the_history() -> None:
 def test_who_was_stopped_gets_what_is_kept_and_counts_the_rest(tmp_path: Path, history: int) -> None:
     config = tmp_path / "lease.json5"  # who is silent for so long is given up, and what was on its way to him is lost [ms]
     config.write_text("{ transport: { link: { tx: { lease: 1000 } } } }", encoding="utf-8")
-    offered = [frame._replace(step=n, time=1e-3 * n) for n, frame in enumerate(frames(1000) * 8)]
+    offered = [replaced(frame, step=n, time=1e-3 * n) for n, frame in enumerate(frames(1000) * 8)]
     command = [sys.executable, "-P", "-c", TALLYING_READER]
     with cell(history=history) as publisher, ExitStack() as stack:
         arguments = [*command, publisher.endpoints[0], CELL, str(config)]

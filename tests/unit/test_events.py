@@ -4,7 +4,7 @@ import json
 import struct
 
 import pytest
-from integration.synthetic_cell import frames
+from integration.synthetic_cell import frames, replaced
 
 from deltaph.frame import COMMANDS, OUTCOMES, TIMING, Frame
 from deltaph.telemetry import EVENT_KINDS, layout, schema_document
@@ -88,7 +88,7 @@ def test_commands_are_counted_by_what_became_of_them() -> None:
     counts[COMMANDS.index("ppo"), OUTCOMES.index("busy")] = 3
     more = counts.copy()
     more[COMMANDS.index("none"), OUTCOMES.index("invalid")] = 1
-    offered[2:] = [frame._replace(commands=more if frame.step == 5 else counts) for frame in offered[2:]]
+    offered[2:] = [replaced(frame, commands=more if frame.step == 5 else counts) for frame in offered[2:]]
     assert seen(offered)[2:] == [
         (2, "command_refused", "WARN", "command ppo refused, busy: 3 so far"),
         (2, "command_accepted", "INFO", "command hold accepted, 1 so far"),

@@ -88,7 +88,7 @@ def test_schema_carries_units_and_enumerations() -> None:
 
 def test_encodings_name_the_message_and_its_version() -> None:
     assert [layout(name).encoding for name in MESSAGE_NAMES] == [
-        f"application/cdr;deltaph.{name}" for name in ("Setpoint;v=1", "Actual;v=1", "Timing;v=2", "Plan;v=2", "Event;v=2")
+        f"application/cdr;deltaph.{name}" for name in ("Setpoint;v=1", "Actual;v=1", "Timing;v=3", "Plan;v=2", "Event;v=2")
     ]
 
 

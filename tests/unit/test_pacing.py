@@ -12,12 +12,12 @@ BEGIN = 5_000
 
 
 class Machine:
-    """A clock that stands still but for `pass_`, sleeping that may overshoot, and threads that may compute meanwhile."""
+    """A clock that stands still but for `pass_`, and sleeping that may overshoot."""
 
     def __init__(self) -> None:
         self.now = BEGIN
-        self.overshoot = self.others = self.computed = 0
-        self.pacer = Pacer(STEP, clock=self.clock, sleep_until=self.sleep_until, computed=lambda: self.computed)
+        self.overshoot = 0
+        self.pacer = Pacer(STEP, clock=self.clock, sleep_until=self.sleep_until)
         self.pacer.begin()
         self.now = BEGIN
 
@@ -27,7 +27,6 @@ class Machine:
 
     def sleep_until(self, until: int) -> None:
         self.now = max(self.now, until) + self.overshoot
-        self.computed += self.others
 
     def step(self, *, planner: int = 0, plant: int = 0, publish: int = 0, exchange: int = 0) -> float:
         self.now += planner + plant + publish + exchange
@@ -52,14 +51,11 @@ def test_a_step_too_long_is_laid_on_its_longest_part(part: str) -> None:
     assert machine.missed() == {part: 1}
 
 
-def test_late_waking_is_the_systems_unless_the_sinks_computed() -> None:
+def test_late_waking_is_the_systems() -> None:
     machine = Machine()
     machine.overshoot = 400_000
     machine.step()
     assert machine.missed() == {"system": 1}
-    machine.others = 400_000
-    machine.step()
-    assert machine.missed() == {"system": 1, "consumer": 1}
 
 
 def test_late_within_the_tolerance_is_not_missed() -> None:

@@ -7,32 +7,40 @@ from pathlib import Path
 
 import pytest
 
+from deltaph.attendant import Override
+from deltaph.desk import Desk, Journal
 from deltaph.scenario import parse_scenario, template
-from deltaph.serve import Attendant, _ending, _Journal
-from deltaph.tally import Tally
-from deltaph.telemetry import PpoRequest
+from deltaph.serve import _ending
+from deltaph.telemetry import Answering, PpoRequest, line
 
 SCENARIO = parse_scenario(template(), Path("paper.toml"))
 REQUEST = PpoRequest(place=SCENARIO.task.place)
 
 
-def test_planner_that_does_not_decide_is_not_waited_for_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("deltaph.serve.VERDICT_TIMEOUT", 0.05)
-    attendant = Attendant(SCENARIO, Tally(0.0))
-    for _ in range(2):  # the first one is still there when the second one comes
-        reply = attendant.ppo(REQUEST)
-        assert (reply.outcome, reply.reason) == ("failed", "the planner has not decided within 0.05 s: it may yet")
+def desk() -> tuple[Desk, tuple[Answering, Answering]]:
+    """A desk, and what a step loop has of it."""
+    (ask_override, overrides), (ask_task, tasks) = line(), line()
+    return Desk(SCENARIO, ask_override, ask_task), (overrides, tasks)
+
+
+def test_loop_that_does_not_answer_is_not_waited_for_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deltaph.desk.VERDICT_TIMEOUT", 0.05)
+    asking, answering = desk()
+    for reply in (asking.ppo(REQUEST), asking.ppo(REQUEST), asking.override("hold", None)):
+        assert (reply.outcome, reply.reason) == ("failed", "the cell has not decided within 0.05 s: it may yet")
+    assert [answering[1].question() for _ in range(3)] == ["standing", "standing", None]
 
 
 def test_end_of_the_cell_is_an_answer() -> None:
-    attendant = Attendant(SCENARIO, Tally(0.0))
-    threading.Timer(0.05, attendant.end).start()
-    reply = attendant.ppo(REQUEST)
-    assert (reply.outcome, reply.reason) == ("failed", "the cell ends")
+    asking, answering = desk()
+    for end in answering:
+        threading.Timer(0.05, end.close).start()
+    for reply in (asking.ppo(REQUEST), asking.override("stop", None)):
+        assert (reply.outcome, reply.reason) == ("failed", "the cell ends")
 
 
 def test_override_keeps_the_feed_apart_from_the_hold() -> None:
-    attendant = Attendant(SCENARIO, Tally(0.0))
+    override = Override()
     states = []
     for command, value in (
         ("feed", 0.5),
@@ -43,22 +51,22 @@ def test_override_keeps_the_feed_apart_from_the_hold() -> None:
         ("hold", None),
         ("resume", None),
     ):
-        feed = attendant.override(command, value)
-        states.append((feed.value, feed.held, feed.stopped))
+        override = override.after(command, value)
+        states.append((override.value, override.held, override.stopped, override.stops))
     assert states == [
-        (0.5, False, False),
-        (0.5, True, False),
-        (0.0, True, False),
-        (0.0, False, False),
-        (0.0, True, True),
-        (0.0, True, True),
-        (0.0, False, False),
+        (0.5, False, False, 0),
+        (0.5, True, False, 0),
+        (0.0, True, False, 0),
+        (0.0, False, False, 0),
+        (0.0, True, True, 1),
+        (0.0, True, True, 1),
+        (0.0, False, False, 1),
     ]
 
 
 def test_journal_says_all_that_is_accepted_and_one_refusal_a_second(capsys: pytest.CaptureFixture[str]) -> None:
     now = 0.0
-    journal = _Journal(lambda: now)
+    journal = Journal(lambda: now)
     for k in range(5):
         journal(f"command ppo refused (busy): {k}")
     journal("command hold accepted: held")

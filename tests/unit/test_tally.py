@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from integration.synthetic_cell import RIGHT_ANGLE_PATH, frames
+from integration.synthetic_cell import RIGHT_ANGLE_PATH, frames, replaced
 
 from deltaph.execution import nearest_point
 from deltaph.frame import Frame
@@ -27,7 +27,7 @@ def tool(given: list[Frame]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def repeated(given: list[Frame], times: int) -> list[Frame]:
     """The operation again and again."""
     return [
-        frame._replace(step=k * len(given) + frame.step, time=(k * len(given) + frame.step) / 1000.0)
+        replaced(frame, step=k * len(given) + frame.step, time=(k * len(given) + frame.step) / 1000.0)
         for k in range(times)
         for frame in given
     ]
@@ -35,18 +35,19 @@ def repeated(given: list[Frame], times: int) -> list[Frame]:
 
 def counted(given: list[Frame], begun: list[Begun], tolerance: float = 0.0) -> Tally:
     tally = Tally(tolerance)
-    tally.begun.extend(begun)
+    for plan in begun:
+        tally.begin(plan)
     for frame in given:
         tally.take(frame)
-    tally.close()
+    tally.facts()
     return tally
 
 
 def test_corners_are_those_of_the_whole_motion_wherever_a_chunk_ends() -> None:
     for shift in range(0, CHUNK, 37):  # rest before the motion moves it through the chunks
         motion = frames()
-        rest = [motion[0]._replace(step=k, time=k / 1000.0) for k in range(shift)]
-        given = rest + [frame._replace(step=frame.step + shift, time=frame.time + shift / 1000.0) for frame in motion]
+        rest = [replaced(motion[0], step=k, time=k / 1000.0) for k in range(shift)]
+        given = rest + [replaced(frame, step=frame.step + shift, time=frame.time + shift / 1000.0) for frame in motion]
         tally = counted(given, [Begun(shift, 1, TASK, 0.0, PRESCRIBED)])
         executed = [nearest_point(*tool(given), vertex)[0] for vertex in VERTICES]
         assert tally.worst is not None
@@ -88,12 +89,12 @@ def test_memory_does_not_grow() -> None:
     given = [frame for frame in frames() if frame.step % 10 == 0]  # coarse, for many plans
     tally = Tally(0.0)
     for k in range(KEPT + 20):
-        tally.begun.append(Begun(len(given) * k, k + 1, TASK, 0.0, PRESCRIBED))
+        tally.begin(Begun(len(given) * k, k + 1, TASK, 0.0, PRESCRIBED))
         for n, frame in enumerate(given):
             step = len(given) * k + n
-            tally.take(frame._replace(step=step, time=step / 100.0))
+            tally.take(replaced(frame, step=step, time=step / 100.0))
             assert len(tally._frames) <= CHUNK + 3
-    tally.close()
+    tally.facts()
     assert tally.arrived == KEPT + 20
     assert [begun.number for begun, _ in tally.newest] == list(range(21, KEPT + 21))
 

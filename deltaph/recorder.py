@@ -1,0 +1,40 @@
+"""The recorder of a cell: what of its scenario and of its report goes into the recording."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from deltaph.scenario import Scenario
+from deltaph.scene import corner_marks, scene_of, served_marks, served_scene
+from deltaph.verdict import serving_markdown, summary_markdown
+
+if TYPE_CHECKING:
+    from deltaph.telemetry import Destination, Recorder
+
+
+def open_recorder(destination: Path | Destination, scenario: Scenario, *, serves: bool) -> Recorder:
+    """Open a recording.
+
+    Args:
+        destination: file to write, or another place.
+        scenario: that is run.
+        serves: the cell does what commands say.
+
+    Raises:
+        EnvironmentProblem: the file cannot be written.
+    """
+    from deltaph.telemetry import Recorder  # Rerun takes a second to import
+
+    return Recorder(destination, served_scene(scenario) if serves else scene_of(scenario))
+
+
+def record_summary(recorder: Recorder, scenario: Scenario, facts: Mapping[str, Any]) -> None:
+    """Give a recorder the verdict, from the cell's JSON report."""
+    document = json.dumps(facts)
+    if recorder.scene.served:
+        recorder.summary(serving_markdown(scenario, facts), document, served_marks(facts), served_scene(scenario, facts))
+    else:
+        recorder.summary(summary_markdown(scenario, facts), document, corner_marks(facts, recorder.scene))
