@@ -152,7 +152,7 @@ class Publisher:
         if "summary" in self._answers:
             payload, encoding = self._answers["summary"]
             self._summary_publisher.put(payload, encoding=encoding, attachment=json.dumps(self._last_numbers()))
-            if self._summary_publisher.matching_status.matching:
+            if self._summary_publisher.matching_status.matching:  # type: ignore[attr-defined]  # Zenoh's stub says it is a bool
                 time.sleep(_LINGER)
         self._session.close()  # type: ignore[no-untyped-call]
 
