@@ -28,35 +28,10 @@ def _fmi_type(variable: Variable) -> str:
     return variable.type if variable.type in _C_TYPES else "Int64"
 
 
-class _Function:
-    """A function of the FMU that keeps the interpreter for the microseconds that it takes.
-
-    fmpy's own calls let it go each time: where sinks or commands wait for it, a step would have to get it back again and again.
-
-    Raises:
-        FMICallException: as fmpy does, when the FMU says neither OK nor warning.
-    """
-
-    def __init__(self, library: ctypes.PyDLL, name: str, arguments: tuple[Any, ...]) -> None:
-        self._call = getattr(library, name)
-        self._call.argtypes, self._call.restype = (ctypes.c_void_p, *arguments), ctypes.c_int
-        self._name = name
-
-    def __call__(self, *arguments: Any) -> None:
-        status = self._call(*arguments)
-        if status > _WARNING:
-            raise FMICallException(function=self._name, status=status)
-
-
-_WARNING = 1  # fmi3Status
-_VALUES = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p, ctypes.c_size_t)  # references and values, with their numbers
-_STEP = (ctypes.c_double, ctypes.c_double, ctypes.c_bool, *(ctypes.c_void_p,) * 4)  # time, size, no earlier state; what comes back
-
-
 class _Block:
     """Value references of one type with a buffer, and the call that moves them."""
 
-    def __init__(self, call: _Function, component: Any, variables: tuple[Variable, ...], fmi_type: str) -> None:
+    def __init__(self, call: Any, component: Any, variables: tuple[Variable, ...], fmi_type: str) -> None:
         n = len(variables)
         references = (ctypes.c_uint32 * n)(*(v.value_reference for v in variables))
         buffer = (_C_TYPES[fmi_type] * n)()
@@ -98,8 +73,6 @@ class Slave:
         )
         self._fmu.instantiate(loggingOn=True, logMessage=self._log)
         self._component = self._fmu.component
-        self._library = ctypes.PyDLL(self._fmu.dll._name, handle=self._fmu.dll._handle)
-        self._do_step = _Function(self._library, "fmi3DoStep", _STEP)
 
         outputs = self.table.of("output")
         floats = tuple(v for v in outputs if v.is_float)
@@ -133,7 +106,7 @@ class Slave:
         self.messages.append(message.decode())
 
     def _block(self, action: str, variables: tuple[Variable, ...], fmi_type: str) -> _Block:
-        return _Block(_Function(self._library, f"fmi3{action}{fmi_type}", _VALUES), self._component, variables, fmi_type)
+        return _Block(getattr(self._fmu, f"fmi3{action}{fmi_type}"), self._component, variables, fmi_type)
 
     def set(self, values: Mapping[str, float]) -> None:
         """Set parameters or inputs by name.
@@ -183,7 +156,7 @@ class Slave:
     def step(self, time: float, size: float) -> None:
         """One communication step [s]."""
         try:
-            self._do_step(self._component, time, size, True, *self._after_step)
+            self._fmu.fmi3DoStep(self._component, time, size, True, *self._after_step)
         except FMICallException as error:
             raise DeltaphError(f"{self.table.model} cannot step at {time:g} s: {self._last_message()}") from error
 
