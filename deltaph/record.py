@@ -48,7 +48,7 @@ def follow_cell(
             scenario = scenario_from_json(json.dumps(document))
         scene = served_scene(scenario) if serves else scene_of(scenario)
         recorder = Recorder(destination, scene)
-        stack.callback(recorder.close)
+        stack.callback(_finish, recorder, log)
         try:
             with log.status(f"following {scenario.title}"):
                 for name, record in subscriber.messages():
@@ -64,6 +64,11 @@ def follow_cell(
                 recorder.summary(summary_markdown(scenario, facts), json.dumps(facts), corner_marks(facts, scene))
     found = f"{subscriber.received['actual']} frames, {sum(subscriber.missing.values()) or 'no'} messages lost"
     return found if subscriber.summary is not None else f"{found}, without the cell's end"
+
+
+def _finish(recorder: Recorder, log: Console) -> None:
+    with log.status("finishing the recording"):
+        recorder.close()
 
 
 def record_cell(cell: str, connect: Sequence[str], output: Path, log: Console, zenoh_config: Path | None = None) -> None:

@@ -88,8 +88,9 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
         fmus = cached_fmus()
 
     with ExitStack() as stack:
-        publisher, publishing = open_publisher(scenario, options, log, stack) if options.telemetry else (None, None)
+        # opened first, closed last: the cell does not stay while its recording is finished
         recorder, recording = open_recorder(scenario, options.record, log, stack) if options.record else (None, None)
+        publisher, publishing = open_publisher(scenario, options, log, stack) if options.telemetry else (None, None)
         sinks = [sink for sink in (publishing, recording) if sink is not None]
 
         frames = Frames(run.steps + 1)
@@ -175,8 +176,13 @@ def open_recorder(
 
         recorder = Recorder(path, served_scene(scenario) if serves else scene_of(scenario))
     sink = BackgroundSink(recorder, QUEUE_FRAMES)
-    stack.callback(sink.close)
+    stack.callback(_finish, sink, log)
     return recorder, sink
+
+
+def _finish(sink: BackgroundSink, log: Console) -> None:
+    with log.status("finishing the recording"):
+        sink.close()
 
 
 def _with_progress(frames: Iterator[Frame], run: Schedule, log: Console) -> Iterator[Frame]:

@@ -449,8 +449,9 @@ def serve_scenario(path: Path, options: Options, console: Console, log: Console)
     tally = Tally(deviation_tolerance(scenario))
     attendant = Attendant(scenario, tally)
     with ExitStack() as stack:
-        publisher, publishing = open_publisher(scenario, options, log, stack, serves=True)
+        # opened first, closed last: the cell does not stay while its recording is finished
         recorder, recording = open_recorder(scenario, options.record, log, stack, serves=True) if options.record else (None, None)
+        publisher, publishing = open_publisher(scenario, options, log, stack, serves=True)
         counting = BackgroundSink(tally, QUEUE_FRAMES, poll=0.05)
         stack.callback(counting.close)
         sinks = [sink for sink in (publishing, recording, counting) if sink is not None]
