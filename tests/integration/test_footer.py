@@ -76,6 +76,59 @@ def test_recording_stays_whole_where_there_is_no_room_for_the_footer(without: Pa
     assert has_footer(tmp_path / "repaired.rrd")
 
 
+def recorded(path: Path, room: int | None = None) -> subprocess.CompletedProcess[str]:
+    """A run that records, with so much room for the recording [bytes]."""
+    command = [str(DELTAPH), "run", str(PAPER), "--no-telemetry", "--cycles", "5", "--record", str(path)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            if room is not None:
+                resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (room, room))
+            _, words = process.communicate(timeout=60)
+        finally:
+            process.kill()
+    return subprocess.CompletedProcess(command, process.returncode, stderr=words)
+
+
+@pytest.fixture(scope="module")
+def indexed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording with room enough."""
+    path = tmp_path_factory.mktemp("room") / "indexed.rrd"
+    done = recorded(path)
+    assert done.returncode == 0
+    assert done.stderr.splitlines() == [f"recorded {path}: open it with `deltaph view {path}`"]
+    assert has_footer(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def kept(indexed: Path) -> tuple[Path, subprocess.CompletedProcess[str]]:
+    """A recording without room for the footer, and what was said of it."""
+    path = indexed.with_name("kept.rrd")
+    return path, recorded(path, indexed.stat().st_size - 2000)
+
+
+def test_recording_without_room_for_the_footer_is_kept(kept: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
+    path, done = kept
+    assert done.stderr.startswith(f"deltaph: error: {path} is recorded, but without its index: File too large; ")
+    assert done.stderr.count("\n") == 1
+    assert done.returncode == 2
+    step = Reading(path).rows["joint/position/setpoint"].step
+    assert np.array_equal(step, np.arange(5 * 2 * 303 + 51))
+    assert "Deviation" in Reading(path).headlines[0]
+
+
+@pytest.mark.parametrize("missing", [0.9, 0.5, 0.2, 60_000])
+def test_recording_without_room_is_one_error_and_no_file(
+    kept: tuple[Path, subprocess.CompletedProcess[str]], tmp_path: Path, missing: float
+) -> None:
+    """Wherever it ends: in a chunk, or in what comes last; a part of the recording is missing, or some bytes."""
+    size = kept[0].stat().st_size
+    done = recorded(tmp_path / "run.rrd", int(size - (missing * size if missing < 1.0 else missing)))
+    assert done.stderr == f"deltaph: error: cannot write {tmp_path / 'run.rrd'}: File too large\n"
+    assert done.returncode == 2
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The recording of a run that was killed."""
