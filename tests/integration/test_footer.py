@@ -104,7 +104,7 @@ def indexed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def kept(indexed: Path) -> tuple[Path, subprocess.CompletedProcess[str]]:
     """A recording without room for the footer, and what was said of it."""
     path = indexed.with_name("kept.rrd")
-    return path, recorded(path, indexed.stat().st_size - 2000)
+    return path, recorded(path, indexed.stat().st_size - 200_000)  # sizes differ by some kilobytes, as timing does
 
 
 def test_recording_without_room_for_the_footer_is_kept(kept: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
