@@ -6,6 +6,7 @@ The frames are those of a real run of one minute, written again and again with t
 driver, as `tests/make_pictures.py`; without one the last lines are missing.
 """
 
+import os
 import subprocess
 import sys
 import tempfile
@@ -13,6 +14,7 @@ import time
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+os.environ.setdefault("RUST_LOG", "error")  # Rerun reads it when it is imported, and warns of files without a footer
 
 from make_pictures import viewer_of
 
@@ -84,12 +86,11 @@ def main() -> None:
                 recorder.take(moved_on(frame, minute * len(frames), minute * (seconds + 1e-3)))
             memory.append(resident())
         print(f"memory after each minute: {' '.join(f'{megabytes:.1f}' for megabytes in memory)} MB")
-        slope = (memory[-1] - memory[0]) / (MINUTES - 1)
         begun = time.monotonic()
         recorder.close()
-        print(
-            f"growth after the first: {slope:.2f} MB a minute; the end of {MINUTES} minutes takes {time.monotonic() - begun:.1f} s"
-        )
+        ended = time.monotonic() - begun
+        slope = (memory[-1] - memory[0]) / (MINUTES - 1)
+        print(f"growth after the first: {slope:.2f} MB a minute; to end {MINUTES} minutes takes {ended:.1f} s")
 
         begun = time.monotonic()
         with viewer_of(ten) as viewer:
