@@ -79,7 +79,7 @@ def _footer_of(path: Path) -> bytes:
         while block := recording.read(_BLOCK):
             if program.stdout.read(len(block)) != block:
                 program.kill()
-                raise _problem(path, f"it is damaged within the {len(block)} bytes before byte {recording.tell()}")
+                raise _problem(path, f"Rerun did not get beyond its first {recording.tell() - len(block)} bytes")
         footer = program.stdout.read()
         complaints = program.stderr.read().decode(errors="replace").strip().splitlines()
     if program.returncode != 0 or not footer:
