@@ -88,7 +88,7 @@ def _footer_of(path: Path) -> bytes:
 
 
 def _filter(path: Path, *options: str) -> list[str]:
-    return [str(rerun_binary()), "rrd", "filter", str(path), *options]
+    return [str(rerun_binary()), "rrd", "filter", str(path.absolute()), *options]  # a name may begin with -
 
 
 def _environment() -> dict[str, str]:

@@ -190,7 +190,7 @@ def test_plots_show_the_same_in_units_for_people(recording: Recording, entity: s
     if entity.startswith("path"):  # each step near the vertices
         assert steps.tolist() == np.flatnonzero(whole[:, 0] < 6.0 * DEVIATION).tolist()
     else:
-        assert steps.tolist() == list(range(0, len(FRAMES), 2 if "error" in entity else 5))
+        assert steps.tolist() == list(range(0, len(FRAMES), 3 if "error" in entity else 5))
 
 
 def test_prescribed_deviation_is_plotted_in_millimetres(recording: Recording) -> None:
