@@ -424,8 +424,8 @@ def test_memory_does_not_grow_with_the_chunks(tmp_path: Path) -> None:
         for frame in FRAMES[:20]:
             recorder.take(frame._replace(step=frame.step + 20 * chunk, time=frame.time + 0.02 * chunk))
         memory.append(resident())
-    recorder.close()
     assert memory[-1] - memory[50] < 5.0
+    recorder.close()
 
 
 def resident() -> float:
