@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 
 from deltaph.errors import DeltaphError
-from deltaph.recorder import open_recorder, record_summary
+from deltaph.recorder import finish, open_recorder, record_summary
 from deltaph.scenario import scenario_from_json
 from deltaph.telemetry import CellKeys, Destination, Subscriber
 
@@ -46,7 +46,7 @@ def follow_cell(
             serves = bool(document.pop("serves", False))
             scenario = scenario_from_json(json.dumps(document))
         recorder = open_recorder(destination, scenario, serves=serves)
-        stack.callback(recorder.close)
+        stack.callback(finish, recorder, log)
         try:
             with log.status(f"following {scenario.title}"):
                 for name, record in subscriber.messages():

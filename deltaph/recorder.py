@@ -7,6 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rich.console import Console
+
+from deltaph.frame import Sink
 from deltaph.scenario import Scenario
 from deltaph.scene import corner_marks, scene_of, served_marks, served_scene
 from deltaph.verdict import serving_markdown, summary_markdown
@@ -38,3 +41,9 @@ def record_summary(recorder: Recorder, scenario: Scenario, facts: Mapping[str, A
         recorder.summary(serving_markdown(scenario, facts), document, served_marks(facts), served_scene(scenario, facts))
     else:
         recorder.summary(summary_markdown(scenario, facts), document, corner_marks(facts, recorder.scene))
+
+
+def finish(recorder: Sink, log: Console) -> None:
+    """Close a recorder, or the process that it is in: of a long recording this takes seconds."""
+    with log.status("finishing the recording"):
+        recorder.close()

@@ -21,7 +21,7 @@ from deltaph.fmu import cached_fmus
 from deltaph.frame import Frame, Frames
 from deltaph.importer import cosimulate
 from deltaph.pacing import Undisturbed
-from deltaph.recorder import open_recorder, record_summary
+from deltaph.recorder import finish, open_recorder, record_summary
 from deltaph.report import executed_facts, operation_facts, plan_facts, print_run, sequence_facts, timing_facts
 from deltaph.scenario import Scenario, load_scenario
 from deltaph.schedule import Schedule, schedule
@@ -97,8 +97,9 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
     with log.status("building the FMUs"):
         fmus = cached_fmus()
     with ExitStack() as stack:
+        # opened first, closed last: the cell does not stay while its recording is finished
+        recorder = recording(options.record, scenario, log, stack, serves=False) if options.record else None
         publisher = stack.enter_context(_publishing(scenario, options)) if options.telemetry else None
-        recorder = stack.enter_context(recording(options.record, scenario, serves=False)) if options.record else None
         sinks = [sink for sink in (publisher, recorder) if sink is not None]
         await_sinks(sinks, log)
         if publisher is not None:
@@ -189,9 +190,11 @@ def await_subscribers(publisher: SinkProcess[Any], scenario: Scenario, options: 
             publisher.ask(methodcaller("wait_for_subscribers", options.wait_subscribers, SUBSCRIBER_TIMEOUT))
 
 
-def recording(path: Path, scenario: Scenario, *, serves: bool) -> SinkProcess[Recorder]:
-    """The recorder of a cell."""
-    return SinkProcess("recorder", partial(open_recorder, path, scenario, serves=serves), QUEUE_FRAMES, SLOW_POLL)
+def recording(path: Path, scenario: Scenario, log: Console, stack: ExitStack, *, serves: bool) -> SinkProcess[Recorder]:
+    """The recorder of a cell; `stack` closes it."""
+    sink = SinkProcess("recorder", partial(open_recorder, path, scenario, serves=serves), QUEUE_FRAMES, SLOW_POLL)
+    stack.callback(finish, sink, log)
+    return sink
 
 
 def _with_progress(frames: Iterator[Frame], run: Schedule, log: Console) -> Iterator[Frame]:

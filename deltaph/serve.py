@@ -75,6 +75,8 @@ def serve_scenario(path: Path, options: Options, console: Console, log: Console)
     with log.status("building the FMUs"):
         fmus = cached_fmus()
     with ExitStack() as stack:
+        # opened first, closed last: the cell does not stay while its recording is finished
+        recorder = recording(options.record, scenario, log, stack, serves=True) if options.record else None
         counts = CommandCounts()
         (ask_override, overrides), (ask_task, tasks) = line(), line()
         document = json.dumps({**json.loads(scenario.json), "serves": True})
@@ -82,7 +84,6 @@ def serve_scenario(path: Path, options: Options, console: Console, log: Console)
         publisher = stack.enter_context(SinkProcess("publisher", open_publisher, QUEUE_FRAMES))
         ask_override.close()
         ask_task.close()
-        recorder = stack.enter_context(recording(options.record, scenario, serves=True)) if options.record else None
         tally = stack.enter_context(SinkProcess("tally", partial(Tally, deviation_tolerance(scenario)), QUEUE_FRAMES, SLOW_POLL))
         sinks = [sink for sink in (publisher, recorder, tally) if sink is not None]
         await_sinks(sinks, log)

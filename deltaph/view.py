@@ -25,12 +25,12 @@ def view_file(file: Path, log: Console) -> int:
     Raises:
         EnvironmentProblem: there is no such recording, or it cannot be read.
     """
-    from deltaph.telemetry.repair import is_whole, repair
+    from deltaph.telemetry.footer import has_footer, repair
     from deltaph.telemetry.viewer import rerun_binary, rerun_environment
 
     if not file.is_file():
         raise EnvironmentProblem(f"there is no recording {file}: write one with `deltaph run SCENARIO --record {file}`")
-    if not is_whole(file):
+    if not has_footer(file):
         repaired = file.with_suffix(".repaired.rrd")
         check_writable(repaired)
         replace(repaired, lambda path: repair(file, path))

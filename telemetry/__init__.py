@@ -5,6 +5,9 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from deltaph.telemetry.commands import (
@@ -65,13 +68,28 @@ __all__ = [
 ]
 
 
+@contextmanager
+def _quiet_rerun() -> Iterator[None]:
+    """Rerun reads what it is to log when it is imported: not that a file has no footer yet, unless the user wants to know."""
+    if "RUST_LOG" in os.environ:
+        yield
+        return
+    os.environ["RUST_LOG"] = "warn,re_log_encoding::rrd::file_sink=error"
+    try:
+        yield
+    finally:
+        del os.environ["RUST_LOG"]
+
+
 def __getattr__(name: str) -> Any:
     if name == "Recorder":
-        from deltaph.telemetry.recording import Recorder
+        with _quiet_rerun():
+            from deltaph.telemetry.recording import Recorder
 
         return Recorder
     if name == "Destination":
-        from deltaph.telemetry.destination import Destination
+        with _quiet_rerun():
+            from deltaph.telemetry.destination import Destination
 
         return Destination
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

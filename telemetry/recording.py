@@ -128,10 +128,10 @@ class Recorder:
         self._summary = markdown, summary_json, corners, scene
 
     def close(self) -> None:
-        """Write what is left and finish the file. A second call does nothing.
+        """Write what is left and finish the file, which takes some 0.3 s for each minute at 1 kHz. A second call does nothing.
 
         Raises:
-            EnvironmentProblem: the file could not be written to its end; it is removed.
+            EnvironmentProblem: the file could not be written to its end, it is removed; or it got no footer, it is kept.
         """
         if self._closed:
             return

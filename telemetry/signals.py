@@ -40,7 +40,7 @@ PLOT = "plot/"
 MISSED_DEADLINES = "event/missed_deadline"
 """Events of their own entity: on a busy machine they would bury the others."""
 
-POSITION_STEPS, ERROR_STEPS = 5, 2
+POSITION_STEPS, ERROR_STEPS = 5, 3
 """Communication steps between two rows of a plot: a screen does not show more, and the SI entity has all of them."""
 
 _NEAR = 6.0

@@ -75,9 +75,9 @@ class Serving:
 
 
 @contextmanager
-def serving(directory: Path, scenario: str, *options: str) -> Iterator[Serving]:
+def serving(directory: Path, scenario: str, *options: str, endpoint: str | None = None) -> Iterator[Serving]:
     """A cell of its own, ready for commands; killed at the end at the latest."""
-    file, endpoint = directory / "scenario.toml", free_endpoint()
+    file, endpoint = directory / "scenario.toml", endpoint or free_endpoint()
     file.write_text(scenario.replace("[run]", f'[run]\ncell = "{CELL}"').replace('cell = "cell1"', ""), encoding="utf-8")
     command = [str(DELTAPH), "run", str(file), "--serve", "--listen", endpoint, "--json", "report.json", *options]
     with (directory / "errors").open("wb") as errors, (directory / "output").open("wb") as output:

@@ -16,7 +16,7 @@ from rerun.experimental import ViewerClient
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.telemetry.destination import RunningViewer
-from deltaph.telemetry.repair import repair
+from deltaph.telemetry.footer import repair
 from deltaph.telemetry.viewer import StartedViewer, rerun_binary, start_viewer
 
 PAPER = Path(__file__).parents[2] / "scenarios" / "paper.toml"

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from integration.read_back import Recording
-from integration.serving_cell import CELL, DEADLINE, DELTAPH, following, serving
+from integration.serving_cell import CELL, DEADLINE, DELTAPH, following, free_endpoint, serving
 from integration.test_following import process
 
 from deltaph.compare import compare
@@ -23,10 +23,10 @@ DEVIATIONS = (0.006, 0.004)
 def files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """Of the cell's own process, and of one that followed it."""
     folder = tmp_path_factory.mktemp("served")
-    own, followed = folder / "own.rrd", folder / "followed.rrd"
-    with serving(folder, template(), "--record", str(own)) as cell, cell.client() as client:
-        record = [DELTAPH, "record", "--cell", CELL, "--connect", cell.endpoint, "-o", followed]
-        with process(*record) as follower, following(cell) as found:
+    own, followed, endpoint = folder / "own.rrd", folder / "followed.rrd", free_endpoint()
+    with process(DELTAPH, "record", "--cell", CELL, "--connect", endpoint, "-o", followed) as follower:
+        serve = serving(folder, template(), "--record", str(own), "--wait-subscribers", "1", endpoint=endpoint)
+        with serve as cell, cell.client() as client, following(cell) as found:
             for place, deviation in zip(PLACES, DEVIATIONS, strict=True):
                 reply = client.ppo(PpoRequest(place=place, corner_deviation=deviation))
                 assert reply.accepted, reply

@@ -9,7 +9,7 @@ import pytest
 from integration.test_following import headless_viewer, needs_vulkan
 from rerun.experimental import ViewerClient
 
-from deltaph.telemetry.repair import repair
+from deltaph.telemetry.footer import repair
 from deltaph.telemetry.viewer import rerun_binary
 
 PAPER = Path(__file__).parents[2] / "scenarios" / "paper.toml"
