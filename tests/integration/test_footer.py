@@ -1,11 +1,14 @@
 """The footer of a recording: appended at the end, or in a copy where the recorder was killed."""
 
+import contextlib
 import os
 import resource
+import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -76,13 +79,26 @@ def test_recording_stays_whole_where_there_is_no_room_for_the_footer(without: Pa
     assert has_footer(tmp_path / "repaired.rrd")
 
 
+def recorder_of(run: subprocess.Popen[Any]) -> int:
+    """The process in which a run without telemetry records."""
+    deadline = time.monotonic() + 60.0
+    while time.monotonic() < deadline:
+        for process in Path("/proc").glob("[0-9]*"):
+            with contextlib.suppress(OSError):  # it ended meanwhile
+                parent = int((process / "stat").read_text(encoding="utf-8").rpartition(")")[2].split()[1])
+                if parent == run.pid and b"spawn_main" in (process / "cmdline").read_bytes():
+                    return int(process.name)
+        time.sleep(0.005)
+    raise TimeoutError("the run has no recorder")
+
+
 def recorded(path: Path, room: int | None = None) -> subprocess.CompletedProcess[str]:
     """A run that records, with so much room for the recording [bytes]."""
     command = [str(DELTAPH), "run", str(PAPER), "--no-telemetry", "--cycles", "5", "--record", str(path)]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
         try:
             if room is not None:
-                resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (room, room))
+                resource.prlimit(recorder_of(process), resource.RLIMIT_FSIZE, (room, room))
             _, words = process.communicate(timeout=60)
         finally:
             process.kill()
@@ -131,7 +147,7 @@ def test_recording_without_room_is_one_error_and_no_file(
 
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The recording of a run that was killed."""
+    """The recording of a recorder that was killed."""
     path = tmp_path_factory.mktemp("killed") / "run.rrd"
     command = [DELTAPH, "run", PAPER, "--no-telemetry", "--cycles", "1000", "--record", path]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
@@ -140,8 +156,25 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
             assert process.poll() is None
             assert time.monotonic() < deadline
             time.sleep(0.02)
+        os.kill(recorder_of(process), signal.SIGKILL)
         process.kill()
     return path
+
+
+def test_recording_of_a_run_that_was_killed_has_its_footer(tmp_path: Path) -> None:
+    """The recorder finishes it."""
+    path = tmp_path / "run.rrd"
+    command = [DELTAPH, "run", PAPER, "--no-telemetry", "--realtime", "--cycles", "1000", "--record", path]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        deadline = time.monotonic() + 60.0
+        while not path.exists():
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        process.kill()
+    while not has_footer(path):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
 
 
 @pytest.mark.parametrize("torn", [0, 1000])

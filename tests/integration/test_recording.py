@@ -14,6 +14,7 @@ import pyarrow
 import pytest
 import rerun_cli
 from integration.read_back import Recording, assert_same_rows
+from integration.sinks import recorder_of_the_scene
 from integration.synthetic_cell import DEVIATION, FOREARM, RIGHT_ANGLE_PATH, elbows, frames, replaced, scene, values_of
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
@@ -423,7 +424,7 @@ def test_memory_does_not_grow_with_the_chunks(tmp_path: Path) -> None:
     memory = []
     for chunk in range(200):
         for frame in FRAMES[:20]:
-            recorder.take(frame._replace(step=frame.step + 20 * chunk, time=frame.time + 0.02 * chunk))
+            recorder.take(replaced(frame, step=frame.step + 20 * chunk, time=frame.time + 0.02 * chunk))
         memory.append(resident())
     assert memory[-1] - memory[50] < 5.0
     recorder.close()
@@ -455,10 +456,6 @@ def test_file_that_cannot_be_written_is_an_error_before_the_run(tmp_path: Path) 
     for path in (tmp_path, tmp_path / "missing" / "run.rrd"):
         with pytest.raises(EnvironmentProblem, match=f"cannot write {path}: "):
             Recorder(path, scene())
-
-
-def recorder_of_the_scene(path: Path) -> Recorder:
-    return Recorder(path, scene(), chunk=10)
 
 
 def test_file_that_becomes_impossible_is_an_error_at_the_end(tmp_path: Path) -> None:

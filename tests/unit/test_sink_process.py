@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -13,70 +12,16 @@ from pathlib import Path
 from typing import TypeVar
 
 import pytest
+from integration.sinks import Broken, Gate, Steps, none_of_it, wait_until
 from integration.synthetic_cell import random_frame
 
 from deltaph.errors import EnvironmentProblem
-from deltaph.frame import Frame, ListSink, Sink
+from deltaph.frame import Sink
 from deltaph.telemetry import SinkProcess
 
 FRAMES = [random_frame(step) for step in range(50)]
-DEADLINE = 10.0
 
 S = TypeVar("S", bound=Sink)
-
-
-class Steps(ListSink):
-    """Knows its frames, where it is, and writes a file when it is closed."""
-
-    def __init__(self, closed: Path | None = None) -> None:
-        super().__init__()
-        self._closed = closed
-
-    def steps(self) -> list[int]:
-        return [frame.step for frame in self.frames]
-
-    def pid(self) -> int:
-        return os.getpid()
-
-    def refuse(self) -> None:
-        raise EnvironmentProblem("not that")
-
-    def close(self) -> None:
-        if self._closed is not None:
-            self._closed.write_text(str(len(self.frames)), encoding="ascii")
-
-
-class Gate(Steps):
-    """Takes frames when a file is there, and says in another that it waits."""
-
-    def __init__(self, directory: Path) -> None:
-        super().__init__()
-        self._directory = directory
-
-    def take(self, frame: Frame) -> None:
-        (self._directory / "waiting").touch()
-        wait_until((self._directory / "open").exists)
-        super().take(frame)
-
-
-class Broken(Steps):
-    """Fails at the third frame."""
-
-    def take(self, frame: Frame) -> None:
-        if frame.step == 2:
-            raise EnvironmentProblem("the disk is full")
-        super().take(frame)
-
-
-def none_of_it() -> ListSink:
-    raise EnvironmentProblem("it cannot be opened")
-
-
-def wait_until(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + DEADLINE
-    while not condition():
-        assert time.monotonic() < deadline, "it does not come"
-        time.sleep(0.001)
 
 
 def is_there(pid: int) -> bool:
@@ -183,18 +128,19 @@ import sys, time
 from functools import partial
 from pathlib import Path
 from deltaph.telemetry import SinkProcess
-from unit.test_sink_process import FRAMES, Steps
+from integration.sinks import Steps
+from integration.synthetic_cell import random_frame
 sink = SinkProcess("sink", partial(Steps, Path(sys.argv[1])), 100)
 sink.await_open()
-for frame in FRAMES:
-    sink.take(frame)
+for step in range(50):
+    sink.take(random_frame(step))
 print("taken", flush=True)
 sys.stdin.read()
 """
 
 
 def test_a_sink_is_closed_when_the_process_that_started_it_is_killed(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", LEFT_ALONE, str(tmp_path / "closed")]
+    command = [sys.executable, "-P", "-c", LEFT_ALONE, str(tmp_path / "closed")]
     environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment
