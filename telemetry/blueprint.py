@@ -7,12 +7,13 @@ from functools import partial
 from types import MappingProxyType
 
 import numpy as np
+import rerun as rr
 import rerun.blueprint as rrb
 
 from deltaph.telemetry import corner
 from deltaph.telemetry.axes import labelled
-from deltaph.telemetry.scene import UP, Scene
-from deltaph.telemetry.signals import CORNER, MISSED_DEADLINES, PLOT, color_of_plan, shown_unit
+from deltaph.telemetry.scene import UP, CornerMark, Scene
+from deltaph.telemetry.signals import MISSED_DEADLINES, PLOT, STEP_TIMES, shown_unit
 from deltaph.telemetry.world import ARROWS, COMMANDED_PATH, CORNERS, EXECUTED_PATH
 
 TRACE_SECONDS = 1.0
@@ -35,6 +36,15 @@ Spans = Mapping[str, tuple[float, float]]
 """Entity -> its least and greatest value."""
 
 _NO_SPANS: Spans = MappingProxyType({})
+
+_LONG = 2.0
+"""In a recording that is longer [s], motions are too close together to be told apart: plots of them show the worst pass first."""
+
+_WINDOW = (-0.42, 0.45)
+"""So much before and after the worst pass [s]. No number, at whole tenths, is at an end, where it would be cut off."""
+
+_NEAR_VERTEX = (-0.0235, 0.0245)
+"""So much before and after the closest approach to a vertex [s]; likewise, of whole hundredths."""
 
 _FAR_LIMIT = 3.0
 """A limit this many times the planned peak is outside of the picture, where it would flatten the curves; its name says so."""
@@ -75,11 +85,19 @@ def _corner(scene: Scene, index: int) -> rrb.Spatial2DView:
     )
 
 
-def _within(spans: Spans, contents: Sequence[str]) -> tuple[float, float] | None:
+def _time_axis(during: tuple[float, float] | None) -> rrb.TimeAxis:
+    """A range of time [s]; all, and shared with other plots, where it is not given: the viewer cannot share one that is."""
+    if during is None:
+        return rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal)
+    start, end = (rrb.TimeRangeBoundary.absolute(seconds=seconds) for seconds in during)
+    return rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end))
+
+
+def _within(spans: Spans, contents: Sequence[str], numbers: int = 6) -> tuple[float, float] | None:
     """A range of values for what is plotted; None where nothing is known of it."""
     below = tuple(content.removesuffix("**") for content in contents if content.endswith("/**"))
     found = [span for entity, span in spans.items() if entity in contents or entity.startswith(below)]
-    return labelled(min(low for low, _ in found), max(high for _, high in found)) if found else None
+    return labelled(min(low for low, _ in found), max(high for _, high in found), numbers) if found else None
 
 
 def _plot(
@@ -88,7 +106,9 @@ def _plot(
     *contents: str,
     within: tuple[float, float] | None = None,
     during: tuple[float, float] | None = None,
+    numbers: int = 6,
     legend: bool = False,
+    visible: Mapping[str, Sequence[bool]] = MappingProxyType({}),
 ) -> rrb.TimeSeriesView:
     """A plot.
 
@@ -98,26 +118,34 @@ def _plot(
         contents: entities.
         within: range of values; that of the contents where it is not given.
         during: range of time [s]; all, and the same in all plots, where it is not given.
+        numbers: that there is room for at the axis of values; by default where four plots share the height.
         legend: whether it is shown, which takes room.
+        visible: which series of an entity are shown; all where nothing is said.
     """
-    if during is None:
-        time = rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal)
-    else:
-        ends = [rrb.TimeRangeBoundary.absolute(seconds=seconds) for seconds in during]
-        time = rrb.TimeAxis(view_range=rrb.TimeRange(start=ends[0], end=ends[1]))
     if within is None:
-        within = _within(spans, contents)
+        within = _within(spans, contents, numbers)
     return rrb.TimeSeriesView(
         name=name,
         origin="/",
         contents=list(contents),
-        axis_x=time,
+        axis_x=_time_axis(during),
         axis_y=rrb.ScalarAxis(range=within) if within is not None else None,
         plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=legend),
+        overrides={entity: rr.SeriesLines.from_fields(visible_series=series) for entity, series in visible.items()},
     )
 
 
-def _joint_plot(scene: Scene, spans: Spans, words: str, quantity: str, si: str, note: str = "") -> rrb.TimeSeriesView:
+def _joint_plot(
+    scene: Scene,
+    spans: Spans,
+    words: str,
+    quantity: str,
+    si: str,
+    note: str = "",
+    *,
+    during: tuple[float, float] | None = None,
+    numbers: int = 6,
+) -> rrb.TimeSeriesView:
     """A quantity of the joints with its limits, which are left out of the picture where they are far away."""
     unit, factor = shown_unit(f"[{si}]")
     prefix = PLOT if factor != 1.0 else ""
@@ -126,39 +154,55 @@ def _joint_plot(scene: Scene, spans: Spans, words: str, quantity: str, si: str, 
     entity = f"{prefix}{quantity.replace('_', '/', 1)}"
     name = f"{words} [{unit.replace('.', '·').replace('2', '²')}]{note}"
     finite = limits[np.isfinite(limits)]
+    plot = partial(_plot, spans, during=during, numbers=numbers)
+    if quantity == "joint_position":
+        return plot(f"{name}; range red", f"{entity}/**")
     if not len(finite):
-        return _plot(spans, name, f"{entity}/**")
+        return plot(f"{name}, no limit", f"{entity}/**")
     if np.isfinite(peak) and finite.min() > _FAR_LIMIT * peak:
         words = f"{name}, planned peak {peak:.3g}, limit ±{finite.min():.4g} outside"
-        within = _within(spans, [f"{entity}/setpoint", f"{entity}/actual"]) or labelled(-peak, peak)
-        return _plot(spans, words, f"{entity}/**", within=within)
-    return _plot(spans, f"{name}, limit red", f"{entity}/**")
+        within = _within(spans, [f"{entity}/setpoint", f"{entity}/actual"], numbers) or labelled(-peak, peak, numbers)
+        return plot(words, f"{entity}/**", within=within)
+    return plot(f"{name}, limit red", f"{entity}/**")
 
 
-def _deviations(scene: Scene, spans: Spans) -> rrb.Container | rrb.View:
-    """The distance to the vertices: of one move around each corner, of several over all of the time."""
-    entity = f"{PLOT}path/deviation/**"
-    top = 4.0 * max(corner.size(scene, 0), corner.size(scene, 1))
-    if scene.served:
-        return rrb.Vertical(
-            _plot(spans, "Deviation at each corner [mm]: planned violet, executed orange, prescribed red", f"{corner.PASSES}/**"),
-            _plot(
-                spans, "Setpoint's distance to the nearer vertex [mm]", f"{PLOT}path/deviation/setpoint", within=(-0.05 * top, top)
-            ),
-        )
-    if len(scene.moves) > 1:
-        planned = "violet" if color_of_plan(scene) == CORNER else "blue"
-        return rrb.Vertical(
-            _plot(spans, "Deviation at each corner [mm]: planned violet, executed orange, prescribed red", f"{corner.PASSES}/**"),
-            _plot(spans, f"Distance to the nearer vertex [mm]: planned {planned}, executed orange", entity, within=(0.0, top)),
-        )
-    views = []
-    for index, name in enumerate(CORNERS):
-        size = corner.size(scene, index)
-        at = 0.01 * round(100.0 * float(scene.moves[0].corner_times[index]))  # no number at either end, where it would be cut off
-        title = f"{name.capitalize()} vertex, first pass [mm], limit {size:g}"  # the corner's picture tells the colours
-        views.append(_plot(spans, title, entity, within=(-0.2 * size, 3.0 * size), during=(at - 0.025, at + 0.025)))
-    return rrb.Horizontal(*views)
+def _passes(scene: Scene, spans: Spans) -> rrb.View:
+    """By how much each pass of a corner exceeds what is prescribed."""
+    limit = f"tolerated {1e3 * scene.tolerance:g}" if scene.tolerance else "limit"
+    title = f"Beyond the prescribed deviation [mm]: planned violet, executed orange, {limit} red"
+    return _plot(spans, title, f"{corner.EXCESS}/**")
+
+
+def _vertex(scene: Scene, spans: Spans, index: int, passed: Sequence[CornerMark]) -> rrb.View:
+    """The distance to a vertex around the closest approach of its worst pass; as planned, the first one, where there was none."""
+    several = len(scene.moves) > 1 or f"{corner.EXCESS}/executed" in spans
+    found = next((mark for mark in passed if mark.corner == index), None)
+    move = scene.moves[found.move if found is not None else 0]
+    size = 1e3 * float(move.corner_deviation[index])
+    time = found.time if found is not None else float(move.corner_times[index])
+    at = 0.01 * round(100.0 * time)
+    which = " vertex" if not several else ", first pass" if found is None else f", worst at {time:.3f} s"
+    title = f"{CORNERS[index].capitalize()}{which} [mm], limit {size:g}"  # the corner's picture tells the colours
+    top = 3.0 * max(size, 1.0)
+    during = at + _NEAR_VERTEX[0], at + _NEAR_VERTEX[1]
+    return _plot(spans, title, f"{PLOT}path/deviation/**", within=(-0.07 * top, top), during=during)
+
+
+def _focus(scene: Scene, time: tuple[float, float], passed: Sequence[CornerMark]) -> tuple[float, float] | None:
+    """Of a long recording the range of time around the worst pass of all [s]."""
+    if not passed or time[1] - time[0] <= _LONG:
+        return None
+    at = 0.1 * round(10.0 * max(passed, key=partial(corner.excess, scene)).time)
+    return at + _WINDOW[0], at + _WINDOW[1]
+
+
+def _step_times(spans: Spans, name: str, shown: Sequence[str]) -> rrb.View:
+    """Some of the step times, which share an entity: lateness would flatten the others."""
+    found = [spans[f"timing/{field}"] for field in shown if f"timing/{field}" in spans]
+    within = labelled(1e3 * min(low for low, _ in found), 1e3 * max(high for _, high in found)) if found else None
+    entity = f"{PLOT}timing"
+    visible = {entity: [field in shown for field in STEP_TIMES]}
+    return _plot(spans, name, entity, within=within, legend=len(shown) > 1, visible=visible)
 
 
 def _joint_words(coinciding: Sequence[int]) -> str:
@@ -171,59 +215,73 @@ def _joint_words(coinciding: Sequence[int]) -> str:
     return f"{apart} {colors[apart - 1]}; {under} and {over} move alike: {colors[over - 1]} over {colors[under - 1]}"
 
 
-def blueprint(scene: Scene, *, live: bool = False, spans: Spans = _NO_SPANS) -> rrb.Blueprint:
+def blueprint(
+    scene: Scene,
+    *,
+    live: bool = False,
+    spans: Spans = _NO_SPANS,
+    time: tuple[float, float] = (0.0, 0.0),
+    passed: Sequence[CornerMark] = (),
+) -> rrb.Blueprint:
     """The layout of a recording.
 
     Args:
         scene: what is known before the run.
         live: whether the cursor stays at the newest rows.
         spans: of what has been recorded; without them the viewer chooses ranges, and may write no more than a nought at an axis.
+        time: first and last of the recording [s].
+        passed: the worst pass of each side.
     """
-    plot, joint_plot = partial(_plot, spans), partial(_joint_plot, scene, spans)
+    focus = _focus(scene, time, passed)
+    plot, joint_plot = partial(_plot, spans), partial(_joint_plot, scene, spans, during=focus)
+    around = ", around the worst pass" if focus is not None else ""
     joints = _joint_words(scene.coinciding_joints)
+    several = scene.served or len(scene.moves) > 1 or f"{corner.EXCESS}/executed" in spans
+    vertices = [] if scene.served else [rrb.Horizontal(*(_vertex(scene, spans, index, passed) for index in (0, 1)))]
+    lanes = partial(rrb.StateTimelineView, origin="/", contents=["operation", "phase", "trip"])
     deviation = rrb.Vertical(
-        _deviations(scene, spans),
+        *([_passes(scene, spans)] if several else []),
+        *vertices,
         plot("Tool tracking error, setpoint - actual [mm]: x red, y green, z blue", f"{PLOT}tcp/tracking_error"),
         plot(f"Joint tracking error [deg]: {joints}", f"{PLOT}joint/tracking_error"),
-        rrb.StateTimelineView(name="Phase and trip", origin="/", contents=["operation", "phase", "trip"]),
-        row_shares=[3, 2.5, 2.5, 1.5] if len(scene.moves) == 1 and not scene.served else [5, 2, 2, 1.5],
+        lanes(name=f"Phase and trip{around}", time_view=_time_axis(focus)),
+        row_shares=[*([3] if several else []), *([3] if vertices else []), 2.5, 2.5, 2.8 if several else 1.5],
         name="Deviation",
     )
     motion = rrb.Vertical(
-        joint_plot("Joint position", "joint_position", "rad", f": {joints}; range red"),
-        joint_plot("Joint velocity", "joint_velocity", "rad/s", ": broad actual, thin setpoint"),
+        joint_plot("Joint position", "joint_position", "rad", f"{around}: {joints}"),
+        joint_plot("Joint velocity", "joint_velocity", "rad/s", ": broad actual, thin setpoint", numbers=10),
         joint_plot("Joint acceleration", "joint_acceleration", "rad/s2"),
         joint_plot("Joint torque", "joint_torque", "N.m"),
+        row_shares=[2.5, 3.5, 3, 3],
         name="Joints",
     )
     drives = rrb.Vertical(
-        plot(f"Motor torque [N·m]: {joints}", "motor/torque/**"),
+        joint_plot("Motor torque", "motor_torque", "N.m", f"{around}: {joints}"),
         plot("Motor load, 1 is rated", "motor/load/**"),
-        plot("Motor speed [rad/s]", "motor/speed/**"),
-        plot("Rod force [N]", "rod/force/**"),
+        plot("Motor speed [rad/s]", "motor/speed/**", during=focus),
+        plot("Rod force [N]", "rod/force/**", during=focus),
         name="Drives",
     )
     tool = rrb.Vertical(
-        plot("Tool speed [m/s]: broad actual, thin setpoint", "tcp/speed/**"),
-        plot("Tool position [m]: x red, y green, z blue", "tcp/position/**"),
+        joint_plot("Tool speed", "tcp_speed", "m/s", f"{around}: broad actual, thin setpoint", numbers=13),
+        plot("Tool position [m]: x red, y green, z blue", "tcp/position/**", during=focus, numbers=13),
         name="Tool",
     )
     _, missed = spans.get("timing/missed_deadlines", (0.0, 0.0))
     timing = rrb.Vertical(
-        plot("Step times and lateness [ms]", f"{PLOT}timing", legend=True),
-        plot("Missed deadlines", "timing/missed_deadlines", within=labelled(0.0, max(1.0, missed))),
+        _step_times(spans, "Step times [ms]", STEP_TIMES[:-1]),
+        _step_times(spans, "Lateness [ms], in real time", STEP_TIMES[-1:]),
+        plot("Missed deadlines, in real time", "timing/missed_deadlines", within=labelled(0.0, max(1.0, missed))),
         plot("Real-time factor", "timing/real_time_factor"),
         name="Timing",
     )
     columns = rrb.TextLogColumns(timeline_columns=["sim_time"], text_log_columns=["LogLevel", "Body"])
     events = rrb.Vertical(
-        rrb.Horizontal(
-            rrb.TextLogView(name="Events", origin="/", contents=["event"], columns=columns),
-            rrb.TextLogView(name="Missed deadlines", origin="/", contents=[MISSED_DEADLINES], columns=columns),
-            column_shares=[3, 2],
-        ),
-        rrb.StateTimelineView(name="Phase and trip", origin="/", contents=["operation", "phase", "trip"]),
-        row_shares=[3, 1],
+        rrb.TextLogView(name="Events", origin="/", contents=["event"], columns=columns),
+        rrb.TextLogView(name="Missed deadlines, in real time", origin="/", contents=[MISSED_DEADLINES], columns=columns),
+        lanes(name="Phase and trip"),
+        row_shares=[5, 2, 2],
         name="Events",
     )
     left = rrb.Vertical(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from deltaph.frame import Frame
 from deltaph.telemetry.blueprint import blueprint
-from deltaph.telemetry.corner import approaches, executed_entity, marks, near, passes, still_corners
+from deltaph.telemetry.corner import allowed, approaches, executed_entity, marks, near, passes, still_corners, worst
 from deltaph.telemetry.destination import Destination, RecordingFile
 from deltaph.telemetry.events import EVENT_KINDS, EventWatch, level, sentence
 from deltaph.telemetry.keys import FRAME_MESSAGES, MessageName
@@ -78,6 +78,7 @@ class Recorder:
         self._watch = EventWatch()
         self._events: list[np.void] = []
         self._held: dict[str, tuple[float, int]] = {}  # value and step of the last row
+        self._time = np.inf, -np.inf  # of the first and of the newest setpoint [s]
         self._last: dict[MessageName, Records] = {}  # one record each
         self._spans: dict[str, tuple[float, float]] = {}  # least and greatest value of each entity
         self._summary: tuple[str, str, Sequence[CornerMark], Scene | None] | None = None
@@ -159,7 +160,8 @@ class Recorder:
                     self._write_passes(corners)
                 self._destination.written(self._stream)
             if self._open_stream is not None and not self._destination.live:  # somebody may be changing the layout of a live one
-                self._open_stream.send_blueprint(blueprint(self._scene, spans=self._spans))
+                seen = worst(self._scene, self._summary[2]) if self._summary is not None else ()
+                self._open_stream.send_blueprint(blueprint(self._scene, spans=self._spans, time=self._time, passed=seen))
         finally:
             if self._open_stream is not None:
                 self._open_stream.disconnect()
@@ -236,6 +238,7 @@ class Recorder:
             self._write_operations(records)
         if name == "setpoint":
             ends = records[[0, -1]]
+            self._time = min(self._time[0], float(ends["time"][0])), float(ends["time"][1])
             for limit in self._limits:
                 self._send_scalars(limit.entity, _index(ends), np.array([limit.values] * 2))
 
@@ -368,11 +371,14 @@ class Recorder:
         """The deviation at each corner, when it was passed."""
         time = np.rint([1e9 * corner.time for corner in corners]).astype("timedelta64[ns]")
         found = list(passes(self._scene, corners))
-        for entity, points, _ in found:
-            self._stream.log(entity, points, static=True, strict=True)
+        line, lines, bounds = allowed(self._scene)
+        for entity, archetype in ((line, lines), *((entity, points) for entity, points, _ in found)):
+            self._stream.log(entity, archetype, static=True, strict=True)
         self._stream.flush()  # what is logged takes another way than columns: equal recordings have an entity's chunks in one order
         for entity, _, values in found:
             self._send_scalars(entity, [rr.TimeColumn("sim_time", duration=time)], values)
+        ends = np.rint([1e9 * end for end in self._time]).astype("timedelta64[ns]")
+        self._send_scalars(line, [rr.TimeColumn("sim_time", duration=ends)], np.array([bounds] * 2))
 
     def _send_scalars(self, entity: str, index: list[rr.TimeColumn], values: FloatArray) -> None:
         """Rows (n,) or (n, series)."""

@@ -5,13 +5,12 @@ import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow
 import pytest
 import rerun_cli
-from integration.read_back import Recording, assert_same_rows
+from integration.read_back import Recording, assert_same_rows, last_blueprint
 from integration.synthetic_cell import DEVIATION, FOREARM, RIGHT_ANGLE_PATH, elbows, frames, scene, values_of
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
@@ -72,28 +71,21 @@ def test_verify_passes_and_the_blueprint_is_inside(file: Path, recording: Record
     assert {entry.application_id for entry in recording.blueprints} == {"deltaph"}
 
 
+def test_titles_say_whether_there_is_a_limit(file: Path) -> None:
+    titles = last_blueprint(file, "ViewBlueprint:display_name").values()
+    for words in ("Joint velocity [rad/s]: broad actual, thin setpoint, limit red", "Joint acceleration [rad/s²], no limit"):
+        assert words in titles
+
+
 def test_last_blueprint_has_ranges_that_show_what_was_recorded(file: Path, recording: Recording) -> None:
-    reader = RrdReader(file)
-    last = max(recording.blueprints, key=lambda entry: max(newest(chunk) for chunk in reader.stream(store=entry)))
-    titles, ranges = {}, {}
-    for chunk in reader.stream(store=last):
-        batch = chunk.to_record_batch()
-        if "ViewBlueprint:display_name" in batch.schema.names:
-            titles[chunk.entity_path] = batch.column("ViewBlueprint:display_name")[0].as_py()[0]
-        if "ScalarAxis:range" in batch.schema.names:
-            ranges[chunk.entity_path.removesuffix("/ScalarAxis")] = batch.column("ScalarAxis:range")[0].as_py()[0]
-    for words, entity in (("Tool tracking error", "/plot/tcp/tracking_error"), ("Motor torque", "/motor/torque/actual")):
+    titles = last_blueprint(file, "ViewBlueprint:display_name")
+    ranges = {path.removesuffix("/ScalarAxis"): found for path, found in last_blueprint(file, "ScalarAxis:range").items()}
+    for words, entity in (("Tool tracking error", "/plot/tcp/tracking_error"), ("Joint velocity", "/joint/velocity/actual")):
         ((low, high),) = (ranges[view] for view, title in titles.items() if title.startswith(words))
         values = recording.scalars(entity)
         assert low < values.min()
         assert high > values.max()
         assert high - low < 4.0 * np.ptp(values)
-
-
-def newest(chunk: Any) -> int:
-    """Wall clock of a chunk of a blueprint [ns]."""
-    batch = chunk.to_record_batch()
-    return int(batch.column("log_time")[-1].value) if "log_time" in batch.schema.names else 0
 
 
 @pytest.mark.parametrize("quantity", ["position", "velocity", "acceleration", "torque"])
@@ -307,6 +299,7 @@ def test_closest_points_are_marked_with_their_distance(tmp_path: Path) -> None:
     planned = static["/corner/pick/nearest/planned"]["Points2D:positions"][0]
     assert np.linalg.norm(planned) == pytest.approx(1e3 * DEVIATION, abs=1e-3)
     assert not [entity for entity in static if entity.startswith("/corner/place/nearest")]
+    assert static["/corner/place/label/executed"]["Points2D:labels"] == ["not reached"]
 
 
 def test_every_move_has_its_own_vertices(tmp_path: Path) -> None:
