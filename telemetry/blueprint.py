@@ -12,6 +12,7 @@ import rerun.blueprint as rrb
 
 from deltaph.telemetry import corner
 from deltaph.telemetry.axes import labelled
+from deltaph.telemetry.focus import LONG, Range, around, close_to, time_axis
 from deltaph.telemetry.scene import UP, CornerMark, Scene
 from deltaph.telemetry.signals import MISSED_DEADLINES, PLOT, STEP_TIMES, shown_unit
 from deltaph.telemetry.world import ARROWS, COMMANDED_PATH, CORNERS, EXECUTED_PATH
@@ -36,15 +37,6 @@ Spans = Mapping[str, tuple[float, float]]
 """Entity -> its least and greatest value."""
 
 _NO_SPANS: Spans = MappingProxyType({})
-
-_LONG = 2.0
-"""In a recording that is longer [s], motions are too close together to be told apart: plots of them show the worst pass first."""
-
-_WINDOW = (-0.42, 0.45)
-"""So much before and after the worst pass [s]. No number, at whole tenths, is at an end, where it would be cut off."""
-
-_NEAR_VERTEX = (-0.0235, 0.0245)
-"""So much before and after the closest approach to a vertex [s]; likewise, of whole hundredths."""
 
 _FAR_LIMIT = 3.0
 """A limit this many times the planned peak is outside of the picture, where it would flatten the curves; its name says so."""
@@ -85,14 +77,6 @@ def _corner(scene: Scene, index: int) -> rrb.Spatial2DView:
     )
 
 
-def _time_axis(during: tuple[float, float] | None) -> rrb.TimeAxis:
-    """A range of time [s]; all, and shared with other plots, where it is not given: the viewer cannot share one that is."""
-    if during is None:
-        return rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal)
-    start, end = (rrb.TimeRangeBoundary.absolute(seconds=seconds) for seconds in during)
-    return rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end))
-
-
 def _within(spans: Spans, contents: Sequence[str], numbers: int = 6) -> tuple[float, float] | None:
     """A range of values for what is plotted; None where nothing is known of it."""
     below = tuple(content.removesuffix("**") for content in contents if content.endswith("/**"))
@@ -105,7 +89,7 @@ def _plot(
     name: str,
     *contents: str,
     within: tuple[float, float] | None = None,
-    during: tuple[float, float] | None = None,
+    during: Range | None = None,
     numbers: int = 6,
     legend: bool = False,
     visible: Mapping[str, Sequence[bool]] = MappingProxyType({}),
@@ -128,7 +112,7 @@ def _plot(
         name=name,
         origin="/",
         contents=list(contents),
-        axis_x=_time_axis(during),
+        axis_x=time_axis(during),
         axis_y=rrb.ScalarAxis(range=within) if within is not None else None,
         plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=legend),
         overrides={entity: rr.SeriesLines.from_fields(visible_series=series) for entity, series in visible.items()},
@@ -143,7 +127,7 @@ def _joint_plot(
     si: str,
     note: str = "",
     *,
-    during: tuple[float, float] | None = None,
+    during: Range | None = None,
     numbers: int = 6,
 ) -> rrb.TimeSeriesView:
     """A quantity of the joints with its limits, which are left out of the picture where they are far away."""
@@ -180,20 +164,17 @@ def _vertex(scene: Scene, spans: Spans, index: int, passed: Sequence[CornerMark]
     move = scene.moves[found.move if found is not None else 0]
     size = 1e3 * float(move.corner_deviation[index])
     time = found.time if found is not None else float(move.corner_times[index])
-    at = 0.01 * round(100.0 * time)
     which = " vertex" if not several else ", first pass" if found is None else f", worst at {time:.3f} s"
     title = f"{CORNERS[index].capitalize()}{which} [mm], limit {size:g}"  # the corner's picture tells the colours
     top = 3.0 * max(size, 1.0)
-    during = at + _NEAR_VERTEX[0], at + _NEAR_VERTEX[1]
-    return _plot(spans, title, f"{PLOT}path/deviation/**", within=(-0.07 * top, top), during=during)
+    return _plot(spans, title, f"{PLOT}path/deviation/**", within=(-0.07 * top, top), during=close_to(time))
 
 
-def _focus(scene: Scene, time: tuple[float, float], passed: Sequence[CornerMark]) -> tuple[float, float] | None:
-    """Of a long recording the range of time around the worst pass of all [s]."""
-    if not passed or time[1] - time[0] <= _LONG:
+def _focus(scene: Scene, time: Range, passed: Sequence[CornerMark]) -> Range | None:
+    """Of a long recording the time around the worst pass of all."""
+    if not passed or time[1] - time[0] <= LONG:
         return None
-    at = 0.1 * round(10.0 * max(passed, key=partial(corner.excess, scene)).time)
-    return at + _WINDOW[0], at + _WINDOW[1]
+    return around(max(passed, key=partial(corner.excess, scene)).time)
 
 
 def _step_times(spans: Spans, name: str, shown: Sequence[str]) -> rrb.View:
@@ -220,7 +201,7 @@ def blueprint(
     *,
     live: bool = False,
     spans: Spans = _NO_SPANS,
-    time: tuple[float, float] = (0.0, 0.0),
+    time: Range = (0.0, 0.0),
     passed: Sequence[CornerMark] = (),
 ) -> rrb.Blueprint:
     """The layout of a recording.
@@ -234,7 +215,7 @@ def blueprint(
     """
     focus = _focus(scene, time, passed)
     plot, joint_plot = partial(_plot, spans), partial(_joint_plot, scene, spans, during=focus)
-    around = ", around the worst pass" if focus is not None else ""
+    which = ", around the worst pass" if focus is not None else ""
     joints = _joint_words(scene.coinciding_joints)
     several = scene.served or len(scene.moves) > 1 or f"{corner.EXCESS}/executed" in spans
     vertices = [] if scene.served else [rrb.Horizontal(*(_vertex(scene, spans, index, passed) for index in (0, 1)))]
@@ -244,12 +225,12 @@ def blueprint(
         *vertices,
         plot("Tool tracking error, setpoint - actual [mm]: x red, y green, z blue", f"{PLOT}tcp/tracking_error"),
         plot(f"Joint tracking error [deg]: {joints}", f"{PLOT}joint/tracking_error"),
-        lanes(name=f"Phase and trip{around}", time_view=_time_axis(focus)),
+        lanes(name=f"Phase and trip{which}", time_view=time_axis(focus)),
         row_shares=[*([3] if several else []), *([3] if vertices else []), 2.5, 2.5, 2.8 if several else 1.5],
         name="Deviation",
     )
     motion = rrb.Vertical(
-        joint_plot("Joint position", "joint_position", "rad", f"{around}: {joints}"),
+        joint_plot("Joint position", "joint_position", "rad", f"{which}: {joints}"),
         joint_plot("Joint velocity", "joint_velocity", "rad/s", ": broad actual, thin setpoint", numbers=10),
         joint_plot("Joint acceleration", "joint_acceleration", "rad/s2"),
         joint_plot("Joint torque", "joint_torque", "N.m"),
@@ -257,14 +238,14 @@ def blueprint(
         name="Joints",
     )
     drives = rrb.Vertical(
-        joint_plot("Motor torque", "motor_torque", "N.m", f"{around}: {joints}"),
+        joint_plot("Motor torque", "motor_torque", "N.m", f"{which}: {joints}"),
         plot("Motor load, 1 is rated", "motor/load/**"),
         plot("Motor speed [rad/s]", "motor/speed/**", during=focus),
         plot("Rod force [N]", "rod/force/**", during=focus),
         name="Drives",
     )
     tool = rrb.Vertical(
-        joint_plot("Tool speed", "tcp_speed", "m/s", f"{around}: broad actual, thin setpoint", numbers=13),
+        joint_plot("Tool speed", "tcp_speed", "m/s", f"{which}: broad actual, thin setpoint", numbers=13),
         plot("Tool position [m]: x red, y green, z blue", "tcp/position/**", during=focus, numbers=13),
         name="Tool",
     )
