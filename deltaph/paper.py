@@ -26,6 +26,9 @@ FloatArray = NDArray[np.float64]
 ROTATION = 37.0
 """Of the task about the base's axis, to show that the deviation does not depend on it [deg]."""
 
+PLOTTED = 0.25e-3
+"""Between two points of the planned curves [s]."""
+
 SIMILAR = 0.1
 """How far two peaks may lie apart to be called similar: what a drive's sizing would not notice."""
 
@@ -174,6 +177,11 @@ def _word(holds: bool) -> str:
     return "holds" if holds else "wrong"
 
 
+def _found(claim: Claim) -> str:
+    """The verdict in a word; where it has none it is said below."""
+    return next((word for word in ("holds", "wrong", "not reached") if claim.verdict.startswith(word)), "see below")
+
+
 def _near(deviations: Sequence[float], claimed: float) -> bool:
     """Whether deviations are what the paper says, to the 0.05 mm of its figures [m]."""
     return all(abs(d - claimed) < 5e-5 for d in deviations)
@@ -186,7 +194,7 @@ def _pair(done: _Done) -> str:
 def _method(name: str, done: _Done) -> Method:
     """What the figures show of a method."""
     plan, trace = done.plan, done.trace
-    time = plan.grid(0.25)
+    time = np.arange(round((trace.time[-1] - trace.time[0]) / PLOTTED) + 1) * PLOTTED  # as long as it is executed: it rests there
     s = plan.sample(time)
     return Method(
         name=name,
@@ -204,8 +212,9 @@ def _method(name: str, done: _Done) -> Method:
 
 
 def _markdown(claims: list[Claim]) -> str:
-    lines = ["# The paper's section 4"]
-    for c in claims:  # a table would be wider than the view, which does not wrap it
+    lines = ["# The paper's section 4", "", "| claim | the paper | found |", "|---|---|---|"]
+    lines += [f"| {c.claim} | {c.paper} | {_found(c)} |" for c in claims]
+    for c in claims:  # in the table they would be wider than the view, which does not wrap it
         lines += ["", f"### {c.claim}: the paper says {c.paper}", f"Measured: {c.measured}.", "", f"**{c.verdict}**"]
     lines += ["", "The paper gives no robot dimensions: joint figures are for the default robot, to be compared in shape only."]
     return "\n".join(lines) + "\n"

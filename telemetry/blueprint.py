@@ -215,7 +215,7 @@ def blueprint(
     """
     focus = _focus(scene, time, passed)
     plot, joint_plot = partial(_plot, spans), partial(_joint_plot, scene, spans, during=focus)
-    which = ", around the worst pass" if focus is not None else ""
+    which = f", worst pass at {max(passed, key=partial(corner.excess, scene)).time:.1f} s" if focus is not None else ""
     joints = _joint_words(scene.coinciding_joints)
     several = scene.served or len(scene.moves) > 1 or f"{corner.EXCESS}/executed" in spans
     vertices = [] if scene.served else [rrb.Horizontal(*(_vertex(scene, spans, index, passed) for index in (0, 1)))]

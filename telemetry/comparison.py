@@ -206,7 +206,7 @@ class Comparison:
         def unit(quantity: str) -> str:
             return self._sides[0].unit(quantity)[0].replace(".", "·").replace("2", "²")
 
-        where = ", around the worst pass" if self._worst is not None else ""
+        where = f", worst pass at {self._worst:.1f} s" if self._worst is not None else ""
         origin = 1e3 * self._shown_path()[0]
         counted = f" from {origin:.0f} mm on" if origin else ""
 
@@ -228,7 +228,7 @@ class Comparison:
         joints = rrb.Grid(
             *(self._plot(f"{name} [{unit(quantity)}]: A broad, B thin", quantity, narrow=True) for name, quantity in of_joints),
             grid_columns=2,
-            name=f"Joints ({self._joint_words()})",
+            name=f"Joints ({self._joint_words()}){where}",
         )
         differences = rrb.Grid(
             self._plot("Distance to the nearer vertex, B - A [mm]", "difference/path/deviation", narrow=True),
@@ -237,7 +237,7 @@ class Comparison:
                 for name, quantity in of_joints
             ),
             grid_columns=2,
-            name="Differences",
+            name=f"Differences{where}",
         )
         path = rrb.Vertical(
             *([] if self._is_plan_and_plant else [bars("Later at the same point, B - A [ms]", "time_at_point")]),
