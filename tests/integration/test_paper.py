@@ -61,7 +61,7 @@ def test_figures_4_to_8_are_there_with_their_units(done: tuple[Path, dict[str, A
         assert 1e3 * np.linalg.norm(spoke[1] - spoke[0]) == pytest.approx(deviation, abs=0.01)
         assert static[f"/figure_4/deviation/{method}/label"]["Points3D:labels"] == [f"{method} {deviation:.1f} mm"]
     text = static["/claims"]["TextDocument:text"][0]
-    assert "| deviation of the comparison method | fixed, cannot be changed | wrong |" in text
+    assert "| deviation of the comparison method | fixed, cannot be changed | 0.52 to 11.12 mm | wrong |" in text
     assert names["/figure_5/b"] == [f"joint {i} [deg]" for i in (1, 2, 3)]
     assert names["/figure_8/b"][0] == "joint 1 [N.m]"
     assert np.abs(values["/figure_5/a"][:, 0]).max() == pytest.approx(2.4, rel=2e-3)  # V_max, on the aligned clock
