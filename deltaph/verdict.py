@@ -183,12 +183,13 @@ def _verdict(scenario: Scenario, facts: Mapping[str, Any], tolerance: float) -> 
     excess = corner_excess(worst)
     where, prescribed = _place(worst, facts), f"the prescribed {1e3 * worst['prescribed_m']:g} mm"
     lost = [corner for corner in corners if corner["executed_m"] > corner["prescribed_m"] + tolerance]
+    there = " at what was reached" if missed else ""
     if excess <= 0.0:
-        yield f"# Deviation kept, by {_mm(-excess)} mm"
+        yield f"# Deviation kept{there}, by {_mm(-excess)} mm"
         yield ""
         yield f"Closest call: {where}, {1e3 * worst['executed_m']:.3f} mm executed within {prescribed}. {_split(worst)}"
     elif not lost:
-        yield f"# Deviation kept within the tolerance of {1e3 * tolerance:g} mm, by {_mm(tolerance - excess)} mm"
+        yield f"# Deviation kept{there} within the tolerance of {1e3 * tolerance:g} mm, by {_mm(tolerance - excess)} mm"
         yield ""
         yield f"At {where} the machine is {_mm(excess)} mm beyond {prescribed}, which the scenario allows. {_split(worst)}"
     else:

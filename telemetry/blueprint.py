@@ -14,7 +14,7 @@ from deltaph.telemetry import corner
 from deltaph.telemetry.axes import labelled
 from deltaph.telemetry.focus import LONG, Range, around, close_to, time_axis
 from deltaph.telemetry.scene import UP, CornerMark, Scene
-from deltaph.telemetry.signals import MISSED_DEADLINES, PLOT, STEP_TIMES, shown_unit
+from deltaph.telemetry.signals import CORNER, MISSED_DEADLINES, PLOT, STEP_TIMES, color_of_plan, shown_unit
 from deltaph.telemetry.world import ARROWS, COMMANDED_PATH, CORNERS, EXECUTED_PATH
 
 TRACE_SECONDS = 1.0
@@ -170,6 +170,20 @@ def _vertex(scene: Scene, spans: Spans, index: int, passed: Sequence[CornerMark]
     return _plot(spans, title, f"{PLOT}path/deviation/**", within=(-0.07 * top, top), during=close_to(time))
 
 
+def _deviations(scene: Scene, spans: Spans, passed: Sequence[CornerMark], *, live: bool) -> list[rrb.Container | rrb.View]:
+    """Every pass of a corner, where there are many, then the worst of each side; while the cell runs, what is known by then."""
+    if live:
+        top = 4.0 * max(corner.size(scene, 0), corner.size(scene, 1))
+        planned = "violet" if color_of_plan(scene) == CORNER else "blue"
+        words = "Setpoint's distance" if scene.served else "Distance"
+        colors = "" if scene.served else f": planned {planned}, executed orange, limit red"
+        title = f"{words} to the nearer vertex [mm]{colors}"
+        return [_plot(spans, title, f"{PLOT}path/deviation/**", within=(-0.07 * top, top))]
+    many = scene.served or len(scene.moves) > 1 or f"{corner.EXCESS}/executed" in spans
+    vertices = [] if scene.served else [rrb.Horizontal(*(_vertex(scene, spans, index, passed) for index in (0, 1)))]
+    return [*([_passes(scene, spans)] if many else []), *vertices]
+
+
 def _focus(scene: Scene, time: Range, passed: Sequence[CornerMark]) -> Range | None:
     """Of a long recording the time around the worst pass of all."""
     if not passed or time[1] - time[0] <= LONG:
@@ -193,7 +207,7 @@ def _joint_words(coinciding: Sequence[int]) -> str:
     colors = ("blue", "yellow", "green")
     under, over = coinciding
     apart = ({1, 2, 3} - {under, over}).pop()
-    return f"{apart} {colors[apart - 1]}; {under} and {over} move alike: {colors[over - 1]} over {colors[under - 1]}"
+    return f"{apart} {colors[apart - 1]}; {under} and {over} are planned alike: {colors[over - 1]} over {colors[under - 1]}"
 
 
 def blueprint(
@@ -217,16 +231,14 @@ def blueprint(
     plot, joint_plot = partial(_plot, spans), partial(_joint_plot, scene, spans, during=focus)
     which = f", worst pass at {max(passed, key=partial(corner.excess, scene)).time:.1f} s" if focus is not None else ""
     joints = _joint_words(scene.coinciding_joints)
-    several = scene.served or len(scene.moves) > 1 or f"{corner.EXCESS}/executed" in spans
-    vertices = [] if scene.served else [rrb.Horizontal(*(_vertex(scene, spans, index, passed) for index in (0, 1)))]
+    deviations = _deviations(scene, spans, passed, live=live)
     lanes = partial(rrb.StateTimelineView, origin="/", contents=["operation", "phase", "trip"])
     deviation = rrb.Vertical(
-        *([_passes(scene, spans)] if several else []),
-        *vertices,
+        *deviations,
         plot("Tool tracking error, setpoint - actual [mm]: x red, y green, z blue", f"{PLOT}tcp/tracking_error"),
         plot(f"Joint tracking error [deg]: {joints}", f"{PLOT}joint/tracking_error"),
         lanes(name=f"Phase and trip{which}", time_view=time_axis(focus)),
-        row_shares=[*([3] if several else []), *([3] if vertices else []), 2.5, 2.5, 2.8 if several else 1.5],
+        row_shares=[*([3] * len(deviations)), 2.5, 2.5, 2.8 if len(scene.moves) > 1 else 1.5],
         name="Deviation",
     )
     motion = rrb.Vertical(

@@ -5,6 +5,7 @@ import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow
@@ -13,11 +14,13 @@ import rerun_cli
 from integration.read_back import Recording, assert_same_rows, last_blueprint
 from integration.synthetic_cell import DEVIATION, FOREARM, RIGHT_ANGLE_PATH, elbows, frames, scene, values_of
 from numpy.typing import NDArray
+from rerun.blueprint import Container
 from rerun.chunk import RrdReader
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import TIMING, Frame
 from deltaph.telemetry import BackgroundSink, Recorder, layout
+from deltaph.telemetry.blueprint import blueprint
 from deltaph.telemetry.events import EventWatch
 from deltaph.telemetry.keys import FRAME_MESSAGES
 from deltaph.telemetry.scene import CornerMark
@@ -69,6 +72,21 @@ def test_verify_passes_and_the_blueprint_is_inside(file: Path, recording: Record
     verify(file)
     assert recording.recording.application_id == "deltaph"
     assert {entry.application_id for entry in recording.blueprints} == {"deltaph"}
+
+
+def test_while_a_cell_runs_the_distance_to_the_vertices_is_shown_as_it_comes() -> None:
+    def titles(part: Any) -> list[str]:
+        inside = part.contents if isinstance(part, Container) else []
+        return [str(part.name), *(title for inner in inside for title in titles(inner))]
+
+    def shown(live: bool) -> list[str]:
+        return titles(blueprint(scene(), live=live).root_container)
+
+    passing = "Distance to the nearer vertex [mm]: planned violet, executed orange, limit red"
+    assert passing in shown(live=True)
+    assert not [title for title in shown(live=True) if title.startswith("Pick vertex")]
+    assert passing not in shown(live=False)
+    assert "Pick vertex [mm], limit 6" in shown(live=False)
 
 
 def test_titles_say_whether_there_is_a_limit(file: Path) -> None:

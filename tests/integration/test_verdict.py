@@ -44,6 +44,12 @@ def millimetres(corner: Facts, name: str) -> str:
     return f"{1e3 * corner[name]:.3f}"
 
 
+def test_what_was_kept_before_a_corner_was_missed_is_no_verdict_on_the_whole(run: Callable[..., Any]) -> None:
+    page, _ = run("fault_servo_off")
+    assert "# Not reached: the place corner" in page
+    assert "# Deviation kept at what was reached, by 1.19 mm" in page
+
+
 @pytest.mark.parametrize(
     ("name", "headline", "word"),
     [
