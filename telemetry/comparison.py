@@ -13,7 +13,7 @@ import rerun.blueprint as rrb
 from deltaph.telemetry.axes import labelled
 from deltaph.telemetry.compared_corners import compared_corners, corner_view
 from deltaph.telemetry.corner import excess
-from deltaph.telemetry.focus import LONG, around, time_axis
+from deltaph.telemetry.focus import LONG, Range, around, time_axis
 from deltaph.telemetry.scene import FloatArray
 from deltaph.telemetry.side import COLORS, Side
 
@@ -56,7 +56,8 @@ class Comparison:
         self._facts_json = facts_json
         self._near = 1e3 * _NEAR * max(float(side.scene.corner_deviation.max()) for side in sides)
         self._spans: dict[str, tuple[float, float]] = {}  # least and greatest value of each entity
-        self._worst = _worst(sides)
+        self._common_time = _common_time(sides)
+        self._worst = _worst(sides, self._common_time)
         self._is_plan_and_plant = sides[0].role != sides[1].role  # which are at the same point of the path at any time
         self._common = [quantity for quantity in sides[0].quantities() if quantity in sides[1].quantities()]
 
@@ -140,13 +141,19 @@ class Comparison:
 
     def _shown_path(self) -> tuple[float, float]:
         """From which whole millimetre to where the differences along the path are shown as bars [m]."""
-        if self._worst is None:
+        shown = self._shown_time()
+        if shown is None:
             return 0.0, np.inf
         ends = [
-            np.interp(around(self._worst), 1e-9 * side.rows("path/arc_length", "setpoint").nanoseconds, side.arc_length)
-            for side in self._sides
+            np.interp(shown, 1e-9 * side.rows("path/arc_length", "setpoint").nanoseconds, side.arc_length) for side in self._sides
         ]
         return 1e-3 * round(1e3 * min(first for first, _ in ends)), float(max(last for _, last in ends))
+
+    def _shown_time(self, *, narrow: bool = False) -> Range | None:
+        """From when to when plots show the motions; None is all, where neither is long. Where one is not, the time of that one."""
+        if self._worst is not None:
+            return around(self._worst, narrow=narrow)
+        return self._common_time
 
     def _write_prescribed(self, stream: rr.RecordingStream, side: Side) -> None:
         """Which deviations are prescribed."""
@@ -197,7 +204,7 @@ class Comparison:
             name=name,
             origin="/",
             contents=[f"{entity}/**"],
-            axis_x=time_axis(around(self._worst, narrow=narrow) if self._worst is not None else None),
+            axis_x=time_axis(self._shown_time(narrow=narrow)),
             axis_y=rrb.ScalarAxis(range=within),
             plot_legend=rrb.PlotLegend(visible=legend, corner=rrb.Corner2D.RightBottom),
         )
@@ -206,7 +213,8 @@ class Comparison:
         def unit(quantity: str) -> str:
             return self._sides[0].unit(quantity)[0].replace(".", "·").replace("2", "²")
 
-        where = f", worst pass at {self._worst:.1f} s" if self._worst is not None else ""
+        where = f", worst pass at {self._worst:.1f} s" if self._worst is not None else ", while there are both"
+        where = where if self._common_time is not None else ""
         origin = 1e3 * self._shown_path()[0]
         counted = f" from {origin:.0f} mm on" if origin else ""
 
@@ -264,13 +272,20 @@ class Comparison:
         return "1 blue, 2 yellow, 3 green"
 
 
-def _worst(sides: tuple[Side, Side]) -> float | None:
-    """When the worst pass was that was executed [s], where one of the motions is long: plots show what is around it."""
+def _common_time(sides: tuple[Side, Side]) -> Range | None:
+    """Where one of the motions is long, from when to when there are both."""
     ends = [side.path()[0][[0, -1]] for side in sides]
-    passed = [(excess(side.scene, mark), mark.time) for side in sides if side.role == "actual" for mark in side.marks]
-    if not passed or max(last - first for first, last in ends) <= LONG:
+    if max(last - first for first, last in ends) <= LONG:
         return None
-    return max(passed)[1]
+    return float(max(first for first, _ in ends)), float(min(last for _, last in ends))
+
+
+def _worst(sides: tuple[Side, Side], common: Range | None) -> float | None:
+    """When the worst pass was that was executed [s], where both motions are long."""
+    if common is None or common[1] - common[0] <= LONG:
+        return None
+    passed = [(excess(side.scene, mark), mark.time) for side in sides if side.role == "actual" for mark in side.marks]
+    return max(((beyond, time) for beyond, time in passed if common[0] <= time <= common[1]), default=(0.0, None))[1]
 
 
 def _named(quantities: list[str]) -> list[tuple[str, str]]:

@@ -137,6 +137,18 @@ def test_one_recording_is_its_plan_against_its_plant(directory: Path) -> None:
     assert "/along_path/time_at_point" not in static  # both are where the plan is
 
 
+def test_an_operation_and_a_sequence_are_compared(directory: Path, tmp_path: Path) -> None:
+    done = deltaph("run", SCENARIOS / "stack.toml", "--no-telemetry", "--record", tmp_path / "stack.rrd")
+    assert done.returncode == 0, done.stderr
+    facts = compare(directory / "paper.rrd", tmp_path / "stack.rrd", tmp_path / "c.rrd")
+    assert "parts a minute" not in facts["a"]["figures"] and facts["b"]["figures"]["parts a minute"] > 100.0
+    label = static_components(tmp_path / "c.rrd")["/corner/pick/label/prescribed"]["Points2D:labels"]
+    assert label == ["prescribed 6 mm"]
+    end = 1e-9 * Reading(directory / "paper.rrd").rows["tcp/position/actual"].nanoseconds[-1]
+    for shown in last_blueprint(tmp_path / "c.rrd", "TimeAxis:view_range").values():
+        assert (1e-9 * shown["start"], 1e-9 * shown["end"]) == pytest.approx((0.0, end))
+
+
 def test_sequence_is_compared_by_its_pace_and_its_worst_corner_around_which_it_is_shown(tmp_path: Path) -> None:
     done = deltaph("run", SCENARIOS / "stack.toml", "--no-telemetry", "--record", tmp_path / "stack.rrd")
     assert done.returncode == 0, done.stderr
