@@ -200,4 +200,4 @@ def _difference(x: float | str | None, y: float | str | None) -> str:
     if math.isclose(x, y, rel_tol=1e-9, abs_tol=1e-9):
         return "0"
     share = f" ({100.0 * (y / x - 1.0):+.1f} %)" if x > 1e-9 else ""
-    return f"{y - x:+.3g}{share}"
+    return (f"{y - x:+.3g}" if abs(y - x) < 1e3 else f"{y - x:+.0f}") + share

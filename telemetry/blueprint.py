@@ -238,7 +238,7 @@ def blueprint(
         plot("Tool tracking error, setpoint - actual [mm]: x red, y green, z blue", f"{PLOT}tcp/tracking_error"),
         plot(f"Joint tracking error [deg]: {joints}", f"{PLOT}joint/tracking_error"),
         lanes(name=f"Phase and trip{which}", time_view=time_axis(focus)),
-        row_shares=[*([3] * len(deviations)), 2.5, 2.5, 2.8 if len(scene.moves) > 1 else 1.5],
+        row_shares=[*([3] * len(deviations)), 2.5, 2.5, 1.5 if len(deviations) == 1 else 2.8],
         name="Deviation",
     )
     motion = rrb.Vertical(

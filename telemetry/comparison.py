@@ -193,13 +193,12 @@ class Comparison:
         stream.send_columns(entity, [column], rr.Scalars.columns(scalars=values), strict=True)
 
     def _plot(
-        self, name: str, entity: str, *, top: float | None = None, legend: bool = False, narrow: bool = False
+        self, name: str, entity: str, *, within: Range | None = None, legend: bool = False, narrow: bool = False
     ) -> rrb.TimeSeriesView:
-        """A plot of an entity and what is below it over time, from nought to `top` or over all values. Three share the height."""
-        spans = [span for found, span in self._spans.items() if found == entity or found.startswith(f"{entity}/")]
-        within = (
-            (-0.07 * top, top) if top is not None else labelled(min(low for low, _ in spans), max(high for _, high in spans), 9)
-        )
+        """A plot of an entity and what is below it over time, within a range or over all values. Three share the height."""
+        if within is None:
+            spans = [span for found, span in self._spans.items() if found == entity or found.startswith(f"{entity}/")]
+            within = labelled(min(low for low, _ in spans), max(high for _, high in spans), 9)
         return rrb.TimeSeriesView(
             name=name,
             origin="/",
@@ -213,10 +212,11 @@ class Comparison:
         def unit(quantity: str) -> str:
             return self._sides[0].unit(quantity)[0].replace(".", "·").replace("2", "²")
 
-        where = f", worst pass at {self._worst:.1f} s" if self._worst is not None else ", while there are both"
+        where = f", around {self._worst:.1f} s" if self._worst is not None else ", while there are both"
         where = where if self._common_time is not None else ""
-        origin = 1e3 * self._shown_path()[0]
-        counted = f" from {origin:.0f} mm on" if origin else ""
+        first, last = (1e3 * end for end in self._shown_path())
+        counted = f" from {first:.0f} mm on" if first else ""
+        travelled = labelled(first, last, 9) if np.isfinite(last) else None
 
         def bars(name: str, quantity: str) -> rrb.BarChartView:
             title = f"{name}, over arc length [mm]{counted}"
@@ -224,12 +224,14 @@ class Comparison:
 
         motion = rrb.Vertical(
             self._plot(
-                f"Vertex distance [mm]{where}: A broad blue, B thin orange, prescribed red", "path/deviation", top=self._near
+                f"Vertex distance [mm]{where}: A broad blue, B thin orange, prescribed red",
+                "path/deviation",
+                within=(-0.07 * self._near, self._near),
             ),
             self._plot(f"Tool speed [{unit('tcp/speed')}]", "tcp/speed"),
             self._plot("Distance to the nearer vertex, B - A [mm]", "difference/path/deviation")
             if self._is_plan_and_plant
-            else self._plot("Travelled along the path [mm]", "progress", legend=True),
+            else self._plot("Travelled along the path [mm]", "progress", within=travelled, legend=True),
             name="Motion",
         )
         of_joints = _named(self._common)
