@@ -12,7 +12,7 @@ import rerun.blueprint as rrb
 
 from deltaph.telemetry import corner
 from deltaph.telemetry.axes import labelled
-from deltaph.telemetry.focus import LONG, Range, around, close_to, time_axis
+from deltaph.telemetry.focus import LONG, Range, around, close_to, newest, time_axis
 from deltaph.telemetry.scene import UP, CornerMark, Scene
 from deltaph.telemetry.signals import CORNER, MISSED_DEADLINES, PLOT, STEP_TIMES, color_of_plan, shown_unit
 from deltaph.telemetry.world import ARROWS, COMMANDED_PATH, CORNERS, EXECUTED_PATH
@@ -89,7 +89,7 @@ def _plot(
     name: str,
     *contents: str,
     within: tuple[float, float] | None = None,
-    during: Range | None = None,
+    time: rrb.TimeAxis | None = None,
     numbers: int = 6,
     legend: bool = False,
     visible: Mapping[str, Sequence[bool]] = MappingProxyType({}),
@@ -101,7 +101,7 @@ def _plot(
         name: with unit, and what the lines are.
         contents: entities.
         within: range of values; that of the contents where it is not given.
-        during: range of time [s]; all, and the same in all plots, where it is not given.
+        time: axis of time; of all the time, and the same in all plots, where it is not given.
         numbers: that there is room for at the axis of values; by default where four plots share the height.
         legend: whether it is shown, which takes room.
         visible: which series of an entity are shown; all where nothing is said.
@@ -112,7 +112,7 @@ def _plot(
         name=name,
         origin="/",
         contents=list(contents),
-        axis_x=time_axis(during),
+        axis_x=time or time_axis(None),
         axis_y=rrb.ScalarAxis(range=within) if within is not None else None,
         plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=legend),
         overrides={entity: rr.SeriesLines.from_fields(visible_series=series) for entity, series in visible.items()},
@@ -127,7 +127,7 @@ def _joint_plot(
     si: str,
     note: str = "",
     *,
-    during: Range | None = None,
+    time: rrb.TimeAxis | None = None,
     numbers: int = 6,
 ) -> rrb.TimeSeriesView:
     """A quantity of the joints with its limits, which are left out of the picture where they are far away."""
@@ -138,7 +138,7 @@ def _joint_plot(
     entity = f"{prefix}{quantity.replace('_', '/', 1)}"
     name = f"{words} [{unit.replace('.', '·').replace('2', '²')}]{note}"
     finite = limits[np.isfinite(limits)]
-    plot = partial(_plot, spans, during=during, numbers=numbers)
+    plot = partial(_plot, spans, time=time, numbers=numbers)
     if quantity == "joint_position":
         return plot(f"{name}; range red", f"{entity}/**")
     if not len(finite):
@@ -163,11 +163,11 @@ def _vertex(scene: Scene, spans: Spans, index: int, passed: Sequence[CornerMark]
     found = next((mark for mark in passed if mark.corner == index), None)
     move = scene.moves[found.move if found is not None else 0]
     size = 1e3 * float(move.corner_deviation[index])
-    time = found.time if found is not None else float(move.corner_times[index])
-    which = " vertex" if not several else ", first pass" if found is None else f", worst at {time:.3f} s"
+    moment = found.time if found is not None else float(move.corner_times[index])
+    which = " vertex" if not several else ", first pass" if found is None else f", worst at {moment:.3f} s"
     title = f"{CORNERS[index].capitalize()}{which} [mm], limit {size:g}"  # the corner's picture tells the colours
     top = 3.0 * max(size, 1.0)
-    return _plot(spans, title, f"{PLOT}path/deviation/**", within=(-0.07 * top, top), during=close_to(time))
+    return _plot(spans, title, f"{PLOT}path/deviation/**", within=(-0.07 * top, top), time=time_axis(close_to(moment)))
 
 
 def _deviations(scene: Scene, spans: Spans, passed: Sequence[CornerMark], *, live: bool) -> list[rrb.Container | rrb.View]:
@@ -178,7 +178,7 @@ def _deviations(scene: Scene, spans: Spans, passed: Sequence[CornerMark], *, liv
         words = "Setpoint's distance" if scene.served else "Distance"
         colors = "" if scene.served else f": planned {planned}, executed orange, limit red"
         title = f"{words} to the nearer vertex [mm]{colors}"
-        return [_plot(spans, title, f"{PLOT}path/deviation/**", within=(-0.07 * top, top))]
+        return [_plot(spans, title, f"{PLOT}path/deviation/**", within=(-0.07 * top, top), time=newest())]
     many = scene.served or len(scene.moves) > 1 or f"{corner.EXCESS}/executed" in spans
     vertices = [] if scene.served else [rrb.Horizontal(*(_vertex(scene, spans, index, passed) for index in (0, 1)))]
     return [*([_passes(scene, spans)] if many else []), *vertices]
@@ -191,13 +191,13 @@ def _focus(scene: Scene, time: Range, passed: Sequence[CornerMark]) -> Range | N
     return around(max(passed, key=partial(corner.excess, scene)).time)
 
 
-def _step_times(spans: Spans, name: str, shown: Sequence[str]) -> rrb.View:
+def _step_times(spans: Spans, name: str, shown: Sequence[str], time: rrb.TimeAxis) -> rrb.View:
     """Some of the step times, which share an entity: lateness would flatten the others."""
     found = [spans[f"timing/{field}"] for field in shown if f"timing/{field}" in spans]
     within = labelled(1e3 * min(low for low, _ in found), 1e3 * max(high for _, high in found)) if found else None
     entity = f"{PLOT}timing"
     visible = {entity: [field in shown for field in STEP_TIMES]}
-    return _plot(spans, name, entity, within=within, legend=len(shown) > 1, visible=visible)
+    return _plot(spans, name, entity, within=within, time=time, legend=len(shown) > 1, visible=visible)
 
 
 def _joint_words(coinciding: Sequence[int]) -> str:
@@ -222,13 +222,14 @@ def blueprint(
 
     Args:
         scene: what is known before the run.
-        live: whether the cursor stays at the newest rows.
+        live: whether the cursor stays at the newest rows, and plots show what is before it.
         spans: of what has been recorded; without them the viewer chooses ranges, and may write no more than a nought at an axis.
         time: first and last of the recording [s].
         passed: the worst pass of each side.
     """
     focus = _focus(scene, time, passed)
-    plot, joint_plot = partial(_plot, spans), partial(_joint_plot, scene, spans, during=focus)
+    whole, shown = (newest(), newest()) if live else (time_axis(None), time_axis(focus))
+    plot, joint_plot = partial(_plot, spans, time=whole), partial(_joint_plot, scene, spans, time=shown)
     which = f", worst pass at {max(passed, key=partial(corner.excess, scene)).time:.1f} s" if focus is not None else ""
     joints = _joint_words(scene.coinciding_joints)
     deviations = _deviations(scene, spans, passed, live=live)
@@ -237,7 +238,7 @@ def blueprint(
         *deviations,
         plot("Tool tracking error, setpoint - actual [mm]: x red, y green, z blue", f"{PLOT}tcp/tracking_error"),
         plot(f"Joint tracking error [deg]: {joints}", f"{PLOT}joint/tracking_error"),
-        lanes(name=f"Phase and trip{which}", time_view=time_axis(focus)),
+        lanes(name=f"Phase and trip{which}", time_view=shown),
         row_shares=[*([3] * len(deviations)), 2.5, 2.5, 1.5 if len(deviations) == 1 else 2.8],
         name="Deviation",
     )
@@ -252,19 +253,19 @@ def blueprint(
     drives = rrb.Vertical(
         joint_plot("Motor torque", "motor_torque", "N.m", f"{which}: {joints}"),
         plot("Motor load, 1 is rated", "motor/load/**"),
-        plot("Motor speed [rad/s]", "motor/speed/**", during=focus),
-        plot("Rod force [N]", "rod/force/**", during=focus),
+        plot("Motor speed [rad/s]", "motor/speed/**", time=shown),
+        plot("Rod force [N]", "rod/force/**", time=shown),
         name="Drives",
     )
     tool = rrb.Vertical(
         joint_plot("Tool speed", "tcp_speed", "m/s", f"{which}: broad actual, thin setpoint", numbers=13),
-        plot("Tool position [m]: x red, y green, z blue", "tcp/position/**", during=focus, numbers=13),
+        plot("Tool position [m]: x red, y green, z blue", "tcp/position/**", time=shown, numbers=13),
         name="Tool",
     )
     _, missed = spans.get("timing/missed_deadlines", (0.0, 0.0))
     timing = rrb.Vertical(
-        _step_times(spans, "Step times [ms]", STEP_TIMES[:-1]),
-        _step_times(spans, "Lateness [ms], in real time", STEP_TIMES[-1:]),
+        _step_times(spans, "Step times [ms]", STEP_TIMES[:-1], whole),
+        _step_times(spans, "Lateness [ms], in real time", STEP_TIMES[-1:], whole),
         plot("Missed deadlines, in real time", "timing/missed_deadlines", within=labelled(0.0, max(1.0, missed))),
         plot("Real-time factor", "timing/real_time_factor"),
         name="Timing",
@@ -273,7 +274,7 @@ def blueprint(
     events = rrb.Vertical(
         rrb.TextLogView(name="Events", origin="/", contents=["event"], columns=columns),
         rrb.TextLogView(name="Missed deadlines, in real time", origin="/", contents=[MISSED_DEADLINES], columns=columns),
-        lanes(name="Phase and trip"),
+        lanes(name="Phase and trip", time_view=whole),
         row_shares=[5, 2, 2],
         name="Events",
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import rerun.blueprint as rrb
 
 LONG = 2.0
-"""A recording that is longer is one [s]."""
+"""A recording that is longer is one [s]. While it grows, so much of it is shown."""
 
 _AROUND = (-0.42, 0.45)
 """So much before and after the moment of interest [s]. No number, at whole tenths, is at an end, where it would be cut off."""
@@ -30,6 +30,12 @@ def close_to(moment: float) -> Range:
     """A corner that is passed at a moment [s]."""
     at = 0.01 * round(100.0 * moment)
     return at + _CLOSE[0], at + _CLOSE[1]
+
+
+def newest() -> rrb.TimeAxis:
+    """The axis of a plot that shows what came last before the cursor, which follows a cell that runs."""
+    start, end = (rrb.TimeRangeBoundary.cursor_relative(seconds=seconds) for seconds in (-LONG, 0.0))
+    return rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end))
 
 
 def time_axis(during: Range | None) -> rrb.TimeAxis:

@@ -89,6 +89,16 @@ def test_while_a_cell_runs_the_distance_to_the_vertices_is_shown_as_it_comes() -
     assert "Pick vertex [mm], limit 6" in shown(live=False)
 
 
+def test_while_a_cell_runs_plots_show_the_time_before_the_cursor(tmp_path: Path) -> None:
+    """The whole of a long run would be a band of colour."""
+    blueprint(scene(), live=True).save("deltaph", tmp_path / "live.rbl")
+    blueprint(scene()).save("deltaph", tmp_path / "file.rbl")
+    ranges = last_blueprint(tmp_path / "live.rbl", "TimeAxis:view_range")
+    assert len(ranges) > 15
+    assert {(shown["start"], shown["end"]) for shown in ranges.values()} == {(-2_000_000_000, 0)}
+    assert len(last_blueprint(tmp_path / "file.rbl", "TimeAxis:view_range")) == 2  # the vertices
+
+
 def test_titles_say_whether_there_is_a_limit(file: Path) -> None:
     titles = last_blueprint(file, "ViewBlueprint:display_name").values()
     for words in ("Joint velocity [rad/s]: broad actual, thin setpoint, limit red", "Joint acceleration [rad/s²], no limit"):
