@@ -36,6 +36,9 @@ _MOTOR = (
 
 _PERCENTILES = (("median", "p50"), ("99 %", "p99"), ("largest", "max"))
 
+_OUTSIDE = 0.1
+"""An excursion beyond the right angles that is more than this share of the prescribed deviation is said first."""
+
 _TIE = 0.01
 """Joints that are off by nearly the same, to this share of it, are named together."""
 
@@ -198,6 +201,9 @@ def _verdict(scenario: Scenario, facts: Mapping[str, Any], tolerance: float) -> 
         count = f"{len(lost)} of {len(corners)} corners exceed what is prescribed. " if len(corners) > 1 else ""
         allowed = f"The scenario allows {1e3 * tolerance:g} mm more." if tolerance else "The scenario allows no tolerance."
         yield f"{count}{allowed} **Why:** {_split(worst)} {_cause(scenario, worst)}"
+    if executed["overshoot_m"] > _OUTSIDE * worst["prescribed_m"]:
+        yield ""
+        yield f"**Outside the right angles by up to {_mm(executed['overshoot_m'])} mm**, which a corner deviation does not count."
 
 
 def _split(corner: Mapping[str, Any]) -> str:
