@@ -150,12 +150,13 @@ class Recorder:
                 if scene is not None:
                     self._scene = scene
                     for entity, archetype in (*still_world(scene), *still_moves(scene), *still_corners(scene)):
-                        self._stream.log(entity, archetype, static=True, strict=True)
-                self._stream.log("summary", _text(markdown), static=True, strict=True)
+                        _log(self._stream, entity, archetype)
+                _log(self._stream, "summary", _text(markdown))
                 self._stream.send_property("summary", rr.AnyValues(json=facts))
                 of_passes = approaches(self._scene, corners) if self._scene.served else ()
+                self._stream.flush()
                 for entity, archetype in (*marks(self._scene, corners), *of_passes):
-                    self._stream.log(entity, archetype, static=True, strict=True)
+                    _log(self._stream, entity, archetype)
                 if len(corners) > len(CORNERS) or self._scene.served:
                     self._write_passes(corners)
                 self._destination.written(self._stream)
@@ -178,9 +179,9 @@ class Recorder:
             stream.send_recording_name(self._scene.title)
             facts = rr.AnyValues(title=self._scene.title, law=self._scene.law, json=self._scene.scenario_json)
             stream.send_property("scenario", facts)
+            stream.flush()
             for entity, archetype in self._still:
-                stream.log(entity, archetype, static=True, strict=True)
-            stream.flush()  # a recorder that is killed leaves a file that says what it is
+                _log(stream, entity, archetype)  # a recorder that is killed leaves a file that says what it is
         return self._open_stream
 
     def _stills(self) -> Iterator[tuple[str, Any]]:
@@ -373,8 +374,7 @@ class Recorder:
         found = list(passes(self._scene, corners))
         line, lines, bounds = allowed(self._scene)
         for entity, archetype in ((line, lines), *((entity, points) for entity, points, _ in found)):
-            self._stream.log(entity, archetype, static=True, strict=True)
-        self._stream.flush()  # what is logged takes another way than columns: equal recordings have an entity's chunks in one order
+            _log(self._stream, entity, archetype)
         for entity, _, values in found:
             self._send_scalars(entity, [rr.TimeColumn("sim_time", duration=time)], values)
         ends = np.rint([1e9 * end for end in self._time]).astype("timedelta64[ns]")
@@ -388,6 +388,16 @@ class Recorder:
 
     def _send(self, entity: str, index: list[rr.TimeColumn], columns: Any) -> None:
         self._stream.send_columns(entity, index, columns, strict=True)
+
+
+def _log(stream: rr.RecordingStream, entity: str, archetype: Any) -> None:
+    """Write what does not move, at once.
+
+    Left to the stream, which writes every so many milliseconds, it would come in an order that depends on when, and after columns
+    that were sent later: equal recordings have their chunks in one order.
+    """
+    stream.log(entity, archetype, static=True, strict=True)
+    stream.flush()
 
 
 def _text(markdown: str) -> rr.TextDocument:
