@@ -199,5 +199,5 @@ def _difference(x: float | str | None, y: float | str | None) -> str:
         return ""
     if math.isclose(x, y, rel_tol=1e-9, abs_tol=1e-9):
         return "0"
-    share = f" ({100.0 * (y / x - 1.0):+.1f} %)" if x > 1e-9 else ""
+    share = f" ({100.0 * (y / x - 1.0):+.1f} %)" if x > 1e-9 and y < 10.0 * x else ""  # beyond, a share tells nobody anything
     return (f"{y - x:+.3g}" if abs(y - x) < 1e3 else f"{y - x:+.0f}") + share

@@ -58,7 +58,7 @@ class Comparison:
         self._spans: dict[str, tuple[float, float]] = {}  # least and greatest value of each entity
         self._common_time = _common_time(sides)
         self._worst = _worst(sides, self._common_time)
-        self._is_plan_and_plant = sides[0].role != sides[1].role  # which are at the same point of the path at any time
+        self._are_together = _are_together(sides)
         self._common = [quantity for quantity in sides[0].quantities() if quantity in sides[1].quantities()]
 
     def write(self, path: Path) -> None:
@@ -79,7 +79,7 @@ class Comparison:
                 self._write_quantity(stream, quantity)
             for side in self._sides:
                 self._write_prescribed(stream, side)
-            if not self._is_plan_and_plant:
+            if not self._are_together:
                 self._write_alignment(stream)
             stream.send_blueprint(self._blueprint())
 
@@ -230,7 +230,7 @@ class Comparison:
             ),
             self._plot(f"Tool speed [{unit('tcp/speed')}]", "tcp/speed"),
             self._plot("Distance to the nearer vertex, B - A [mm]", "difference/path/deviation")
-            if self._is_plan_and_plant
+            if self._are_together
             else self._plot("Travelled along the path [mm]", "progress", within=travelled, legend=True),
             name="Motion",
         )
@@ -250,7 +250,7 @@ class Comparison:
             name=f"Differences{where}",
         )
         path = rrb.Vertical(
-            *([] if self._is_plan_and_plant else [bars("Later at the same point, B - A [ms]", "time_at_point")]),
+            *([] if self._are_together else [bars("Later at the same point, B - A [ms]", "time_at_point")]),
             bars("Faster at the same point, B - A [mm/s]", "tcp/speed"),
             bars("Distance to a vertex nearby at the same point, B - A [mm]", "path/deviation"),
             name="Along the path",
@@ -272,6 +272,12 @@ class Comparison:
         if all(side.scene.coinciding_joints == (2, 3) for side in self._sides):
             return "1 blue, 2 and 3 alike: green over yellow"
         return "1 blue, 2 yellow, 3 green"
+
+
+def _are_together(sides: tuple[Side, Side]) -> bool:
+    """Whether both are at the same point of the path at any time, as a plan and its plant are, or two plants of one plan."""
+    a, b = (side.arc_length for side in sides)
+    return a.shape == b.shape and bool(np.allclose(a, b, rtol=0.0, atol=1e-9))
 
 
 def _common_time(sides: tuple[Side, Side]) -> Range | None:

@@ -135,6 +135,9 @@ def test_one_recording_is_its_plan_against_its_plant(directory: Path) -> None:
     np.testing.assert_allclose(difference, expected, atol=1e-9)
     assert "/along_path/tcp/speed" in (static := static_components(directory / "plan.rrd"))
     assert "/along_path/time_at_point" not in static  # both are where the plan is
+    compare(directory / "paper.rrd", directory / "factory_gains.rrd", directory / "gains.rrd")
+    assert "/along_path/time_at_point" not in static_components(directory / "gains.rrd")
+    assert "/along_path/time_at_point" in static_components(directory / "both.rrd")
 
 
 def test_an_operation_and_a_sequence_are_compared(directory: Path, tmp_path: Path) -> None:
