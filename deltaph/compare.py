@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from rich.table import Table
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.files import check_writable, replace
+from deltaph.report import corner_excess
 from deltaph.scenario import Scenario, scenario_from_json
 from deltaph.scene import corner_marks, scene_of
 from deltaph.schedule import Operation, Schedule, schedule
@@ -111,6 +113,7 @@ def _figures(scenario: Scenario, run: Schedule, reading: Reading, *, executed: b
         "law": scenario.law.name,
         "drive gains": scenario.gains,
         "duration [ms]": float(run.pass_ms),
+        **({"parts a minute": run.parts_per_minute} if scenario.parts else {}),
     }
     for word in ("prescribed", "planned"):
         for index, side in enumerate(_SIDES):
@@ -118,8 +121,12 @@ def _figures(scenario: Scenario, run: Schedule, reading: Reading, *, executed: b
                 _of_side(o, o.plan.task.corner_deviation if word == "prescribed" else o.plan.corner_deviation, index)
                 for o in run.one_pass
             )
+    of_run = summary["executed"] if summary is not None else None
+    beyond = [d - p for o in run.one_pass for d, p in zip(o.plan.corner_deviation, o.plan.task.corner_deviation, strict=True)]
     if executed:
-        of_run = summary["executed"] if summary is not None else None
+        beyond = [corner_excess(corner) for corner in of_run["corners"] if corner["reached"]] if of_run is not None else []
+    figures["beyond the prescribed deviation, worst corner [mm]"] = 1e3 * max(beyond) if beyond else None
+    if executed:
         for index, side in enumerate(_SIDES):
             corners = of_run["corners"] if of_run is not None else []
             found = [corner["executed_m"] for corner in corners if corner["side"] == index and corner["reached"]]
@@ -184,11 +191,13 @@ def _rows(facts: dict[str, Any]) -> Iterator[tuple[str, str, str, str]]:
 
 
 def _shown(value: float | str | None) -> str:
-    return "-" if value is None else f"{value:.4f}" if isinstance(value, float) else value
+    return "-" if value is None else value if isinstance(value, str) else f"{value:.5g}" if abs(value) >= 1e-9 else "0"
 
 
 def _difference(x: float | str | None, y: float | str | None) -> str:
     if not isinstance(x, float) or not isinstance(y, float):
         return ""
-    share = f" ({100.0 * (y / x - 1.0):+.1f} %)" if x else ""
-    return f"{y - x:+.4f}{share}"
+    if math.isclose(x, y, rel_tol=1e-9, abs_tol=1e-9):
+        return "0"
+    share = f" ({100.0 * (y / x - 1.0):+.1f} %)" if x > 1e-9 and y < 10.0 * x else ""  # beyond, a share tells nobody anything
+    return (f"{y - x:+.3g}" if abs(y - x) < 1e3 else f"{y - x:+.0f}") + share

@@ -26,6 +26,9 @@ FloatArray = NDArray[np.float64]
 ROTATION = 37.0
 """Of the task about the base's axis, to show that the deviation does not depend on it [deg]."""
 
+PLOTTED = 0.25e-3
+"""Between two points of the planned curves [s]."""
+
 SIMILAR = 0.1
 """How far two peaks may lie apart to be called similar: what a drive's sizing would not notice."""
 
@@ -125,6 +128,7 @@ def _claims(proposed: _Done, comparison: _Done, equal: _Done) -> list[Claim]:
             f"planned {1e3 * p.corner_deviation[0]:.4f} mm, rotated by {ROTATION:g}° {1e3 * rotated[0]:.4f} mm, "
             f"executed {_pair(proposed)} mm",
             _word(_near([*p.corner_deviation, rotated[0]], 6e-3)),
+            f"{1e3 * p.corner_deviation[0]:.4f} mm",
         ),
         Claim(
             "deviation, comparison method, eq. (31)",
@@ -133,6 +137,7 @@ def _claims(proposed: _Done, comparison: _Done, equal: _Done) -> list[Claim]:
             f"executed {_pair(comparison)} mm",
             _word(_near([*c.corner_deviation, rotated[1]], 3.7e-3))
             + f"; eq. (31) as printed mixes frames (H is not counted from A) and gives {1e3 * _read_literally(c):.0f} mm",
+            f"{1e3 * c.corner_deviation[0]:.4f} mm",
         ),
         Claim(
             "deviation of the comparison method",
@@ -142,6 +147,7 @@ def _claims(proposed: _Done, comparison: _Done, equal: _Done) -> list[Claim]:
             ("holds" if max(overlaps + speeds) - min(overlaps + speeds) < 0.05 else "wrong: it moves with overlap and speeds")
             + f"; overlap {equal.scenario.law.overlap:.4f} gives "
             f"{1e3 * e.corner_deviation[0]:.4f} mm",
+            f"{min(overlaps + speeds):.2f} to {max(overlaps + speeds):.2f} mm",
         ),
         Claim(
             "motion performance",
@@ -150,6 +156,7 @@ def _claims(proposed: _Done, comparison: _Done, equal: _Done) -> list[Claim]:
             f"motor {motor[0]:.2f} against {motor[1]:.2f} N·m ({more(motor, 1)}), "
             f"tool acceleration {acceleration[0]:.1f} against {acceleration[1]:.1f} m/s² ({more(acceleration, 1)})",
             _word(abs(torque[0] / torque[1] - 1.0) < SIMILAR) + f" (similar: peaks within {100.0 * SIMILAR:g} %)",
+            f"{more(torque, 1)} torque",
         ),
         Claim(
             "duration",
@@ -158,6 +165,7 @@ def _claims(proposed: _Done, comparison: _Done, equal: _Done) -> list[Claim]:
             f"and {1e3 * e.nominal_duration:.2f} ms at {1e3 * e.corner_deviation[0]:g} mm",
             f"at equal deviation the proposed method takes {1e3 * (p.nominal_duration - e.nominal_duration):+.2f} ms, "
             f"{more(torque, 2)} peak torque, {more(acceleration, 2)} acceleration",
+            f"{1e3 * (p.nominal_duration - e.nominal_duration):+.2f} ms",
         ),
         Claim(
             "experiment matches simulation",
@@ -165,6 +173,7 @@ def _claims(proposed: _Done, comparison: _Done, equal: _Done) -> list[Claim]:
             f"joint speed, plant against plan: at most {speed_error:.4f} rad/s apart in both methods",
             _word(speed_error < WELL * max(max(d.plan.peaks.joint_velocity) for d in (proposed, comparison)))
             + f" for the modelled plant with tuned gains (well: within {100.0 * WELL:g} % of the peak)",
+            f"{speed_error:.3f} rad/s apart",
         ),
         *cost_claims(proposed.scenario),
     ]
@@ -172,6 +181,11 @@ def _claims(proposed: _Done, comparison: _Done, equal: _Done) -> list[Claim]:
 
 def _word(holds: bool) -> str:
     return "holds" if holds else "wrong"
+
+
+def _found(claim: Claim) -> str:
+    """The verdict in a word; nothing where it has none."""
+    return next((word for word in ("holds", "wrong", "not reached") if claim.verdict.startswith(word)), "")
 
 
 def _near(deviations: Sequence[float], claimed: float) -> bool:
@@ -186,7 +200,7 @@ def _pair(done: _Done) -> str:
 def _method(name: str, done: _Done) -> Method:
     """What the figures show of a method."""
     plan, trace = done.plan, done.trace
-    time = plan.grid(0.25)
+    time = np.arange(round((trace.time[-1] - trace.time[0]) / PLOTTED) + 1) * PLOTTED  # as long as it is executed: it rests there
     s = plan.sample(time)
     return Method(
         name=name,
@@ -204,8 +218,9 @@ def _method(name: str, done: _Done) -> Method:
 
 
 def _markdown(claims: list[Claim]) -> str:
-    lines = ["# The paper's section 4"]
-    for c in claims:  # a table would be wider than the view, which does not wrap it
+    lines = ["# The paper's section 4", "", "| claim | the paper | measured | |", "|---|---|---|---|"]
+    lines += [f"| {c.claim} | {c.paper} | {c.brief} | {_found(c)} |" for c in claims]
+    for c in claims:  # in the table all of it would be wider than the view, which does not wrap it
         lines += ["", f"### {c.claim}: the paper says {c.paper}", f"Measured: {c.measured}.", "", f"**{c.verdict}**"]
     lines += ["", "The paper gives no robot dimensions: joint figures are for the default robot, to be compared in shape only."]
     return "\n".join(lines) + "\n"

@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from deltaph.checks import deviation_tolerance
 from deltaph.plan import Plan
 from deltaph.scenario import Scenario, Task
 from deltaph.schedule import Operation, Schedule, schedule
 from deltaph.telemetry.scene import CornerMark, Move, Scene
+from deltaph.variables import variable_table
 
 PATH_STEP_MS = 0.25
 """Between two points of a drawn path: at 5 m/s 1.25 mm, whose chord is within 0.02 mm of a corner of 10 mm radius."""
@@ -38,7 +40,8 @@ def scene_of(scenario: Scenario) -> Scene:
         moves=[_move_of(operation, run) for operation in operations],
         period=run.period if scenario.parts else None,
         clock=run.clock.at,
-        limits=asdict(scenario.limits),
+        tolerance=deviation_tolerance(scenario),
+        limits={**asdict(scenario.limits), "motor_torque": scenario.plant.get("drive.torque_max", _torque_max())},
         joint_range=(parameters["robot.joint_position_min"], parameters["robot.joint_position_max"]),
         peaks=_peaks(plans),
         coinciding_joints=_coinciding_joints(plans),
@@ -91,6 +94,11 @@ def corner_marks(facts: Mapping[str, Any], scene: Scene) -> list[CornerMark]:
 
 def _mark(move: int, corner: Mapping[str, Any]) -> CornerMark:
     return CornerMark(move, corner["side"], corner["planned_m"], corner["executed_m"], corner["nearest_m"], corner["time_s"])
+
+
+def _torque_max() -> float:
+    """What a motor of the plant gives at most where a scenario does not say [N.m]."""
+    return float(variable_table("plant")["drive.torque_max"].start or 0.0)
 
 
 def _peaks(plans: Sequence[Plan]) -> dict[str, float]:

@@ -98,7 +98,11 @@ class Schedule:
 
     @property
     def cycle_time(self) -> float:
-        """What a pass takes as it is planned, with all rests and waits [s]."""
+        """What the first pass takes as it is planned, with all rests and waits [s].
+
+        Later ones take as long where the communication step is 1 ms. A longer step may fall otherwise in them, and a plan that is
+        waited for be asked for some milliseconds earlier or later.
+        """
         return self.pass_ms / 1000.0
 
     def grid(self, step_ms: float = 1.0) -> FloatArray:

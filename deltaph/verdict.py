@@ -36,6 +36,9 @@ _MOTOR = (
 
 _PERCENTILES = (("median", "p50"), ("99 %", "p99"), ("largest", "max"))
 
+_OUTSIDE = 0.1
+"""An excursion beyond the right angles that is more than this share of the prescribed deviation is said first."""
+
 _TIE = 0.01
 """Joints that are off by nearly the same, to this share of it, are named together."""
 
@@ -183,12 +186,13 @@ def _verdict(scenario: Scenario, facts: Mapping[str, Any], tolerance: float) -> 
     excess = corner_excess(worst)
     where, prescribed = _place(worst, facts), f"the prescribed {1e3 * worst['prescribed_m']:g} mm"
     lost = [corner for corner in corners if corner["executed_m"] > corner["prescribed_m"] + tolerance]
+    there = " at what was reached" if missed else ""
     if excess <= 0.0:
-        yield f"# Deviation kept, by {_mm(-excess)} mm"
+        yield f"# Deviation kept{there}, by {_mm(-excess)} mm"
         yield ""
         yield f"Closest call: {where}, {1e3 * worst['executed_m']:.3f} mm executed within {prescribed}. {_split(worst)}"
     elif not lost:
-        yield f"# Deviation kept within the tolerance of {1e3 * tolerance:g} mm, by {_mm(tolerance - excess)} mm"
+        yield f"# Deviation kept{there} within the tolerance of {1e3 * tolerance:g} mm, by {_mm(tolerance - excess)} mm"
         yield ""
         yield f"At {where} the machine is {_mm(excess)} mm beyond {prescribed}, which the scenario allows. {_split(worst)}"
     else:
@@ -197,6 +201,9 @@ def _verdict(scenario: Scenario, facts: Mapping[str, Any], tolerance: float) -> 
         count = f"{len(lost)} of {len(corners)} corners exceed what is prescribed. " if len(corners) > 1 else ""
         allowed = f"The scenario allows {1e3 * tolerance:g} mm more." if tolerance else "The scenario allows no tolerance."
         yield f"{count}{allowed} **Why:** {_split(worst)} {_cause(scenario, worst)}"
+    if executed["overshoot_m"] > _OUTSIDE * worst["prescribed_m"]:
+        yield ""
+        yield f"**Outside the right angles by up to {_mm(executed['overshoot_m'])} mm**, which a corner deviation does not count."
 
 
 def _split(corner: Mapping[str, Any]) -> str:

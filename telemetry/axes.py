@@ -7,6 +7,9 @@ import math
 _MARGIN = 0.05
 """Beyond the values at either end, in parts of their range."""
 
+_EDGE = 0.05
+"""A number nearer than this to an end of the axis, in parts of its length, would be cut off: half the height of its digits."""
+
 
 def labelled(low: float, high: float, numbers: int = 6) -> tuple[float, float]:
     """A range that holds these values, and at least two numbers at its axis, so that its scale is told.
@@ -20,7 +23,7 @@ def labelled(low: float, high: float, numbers: int = 6) -> tuple[float, float]:
     if low == high:
         low, high = min(low, 0.0), max(high, 0.0)
     if low == high:
-        return -1.0 - _MARGIN, 1.0 + _MARGIN
+        return -1.1, 1.1
     margin = _MARGIN * (high - low)
     low, high = low - margin, high + margin
     step = 10.0 ** math.ceil(math.log10((high - low) / numbers))
@@ -30,4 +33,5 @@ def labelled(low: float, high: float, numbers: int = 6) -> tuple[float, float]:
             low = below - margin
         else:
             high = above + margin
-    return low, high
+    edge = _EDGE * (high - low)
+    return min(low, step * math.ceil(low / step) - edge), max(high, step * math.floor(high / step) + edge)

@@ -28,7 +28,7 @@ def compared_corners(sides: tuple[Side, Side]) -> Iterator[tuple[str, Any]]:
         moves = [move for side in sides for move in side.scene.moves]
         legs = [move.seen_from(index, move.right_angle_path[index : index + 3]) for move in moves]
         yield f"{entity}/right_angle", rr.LineStrips2D(legs, colors=[_GREY], radii=[pixels(0.75)], draw_order=1.0)
-        radii = np.unique([1e3 * side.scene.corner_deviation[:, index] for side in sides])
+        radii = np.unique(np.concatenate([1e3 * side.scene.corner_deviation[:, index] for side in sides]))
         circles = [radius * np.column_stack([np.cos(_CIRCLE), np.sin(_CIRCLE)]) for radius in radii]
         yield f"{entity}/prescribed", rr.LineStrips2D(circles, colors=[LIMIT], radii=[pixels(1.25)], draw_order=2.0)
         words = " and ".join(f"{radius:g}" for radius in radii)

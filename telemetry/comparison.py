@@ -9,18 +9,19 @@ from typing import Any
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
 from deltaph.telemetry.axes import labelled
 from deltaph.telemetry.compared_corners import compared_corners, corner_view
+from deltaph.telemetry.corner import excess
+from deltaph.telemetry.focus import LONG, Range, around, time_axis
 from deltaph.telemetry.scene import FloatArray
 from deltaph.telemetry.side import COLORS, Side
 
 PATH_TIMELINE = "arc_length_um"
 """Arc length of the planned path so far; a viewer's timeline counts whole numbers."""
 
-PATH_STEP = 1e-4
-"""Between two points of the comparison along the path [m]."""
+PATH_STEP = 5e-4
+"""Between two points of the comparison along the path [m]: in the slowest corner the tool moves further in a step of 1 ms."""
 
 
 _DARK_JOINTS = ((35, 85, 120), (120, 95, 20), (15, 95, 70))
@@ -55,6 +56,9 @@ class Comparison:
         self._facts_json = facts_json
         self._near = 1e3 * _NEAR * max(float(side.scene.corner_deviation.max()) for side in sides)
         self._spans: dict[str, tuple[float, float]] = {}  # least and greatest value of each entity
+        self._common_time = _common_time(sides)
+        self._worst = _worst(sides, self._common_time)
+        self._are_together = _are_together(sides)
         self._common = [quantity for quantity in sides[0].quantities() if quantity in sides[1].quantities()]
 
     def write(self, path: Path) -> None:
@@ -73,7 +77,10 @@ class Comparison:
                 stream.log(entity, archetype, static=True, strict=True)
             for quantity in self._common:
                 self._write_quantity(stream, quantity)
-            self._write_alignment(stream)
+            for side in self._sides:
+                self._write_prescribed(stream, side)
+            if not self._are_together:
+                self._write_alignment(stream)
             stream.send_blueprint(self._blueprint())
 
     def _write_quantity(self, stream: rr.RecordingStream, quantity: str) -> None:
@@ -101,7 +108,7 @@ class Comparison:
         self._write_along(stream, quantity, on_path)
 
     def _write_alignment(self, stream: rr.RecordingStream) -> None:
-        """How far each has come at a time, when each is at a point, and which deviations are prescribed."""
+        """How far each has come at a time, and when each is at a point."""
         points = self._points()
         reached = []
         for side in self._sides:
@@ -113,7 +120,6 @@ class Comparison:
             self._style(stream, f"time_at_point/{side.letter}", side, 1, "ms")
             self._send(stream, f"time_at_point/{side.letter}", milliseconds, along)
             reached.append(milliseconds)
-            self._write_prescribed(stream, side, times, along)
         style = _LINES(names=["B - A [ms]"], colors=[_GREY], widths=[2.0])
         stream.log("difference/time_at_point", style, static=True, strict=True)
         self._write_along(stream, "time_at_point", reached)
@@ -127,11 +133,33 @@ class Comparison:
         if quantity == "path/deviation":  # half way, where the nearer vertex is another one, it says nothing of a corner
             difference = np.where(np.minimum(a, b) < self._near, difference, 0.0)
         if difference.shape[1] == 1:
-            bars = slice(None, None, round(_BAR / PATH_STEP))
-            chart = rr.BarChart(difference[bars, 0], abscissa=1e3 * points[bars], color=COLORS["b"])
+            first, last = self._shown_path()
+            bars = np.flatnonzero((points >= first) & (points <= last))[:: round(_BAR / PATH_STEP)]
+            factor = 1e3 if quantity == "tcp/speed" else 1.0  # mm/s: the viewer chooses the range, and would write no more than 0
+            chart = rr.BarChart(factor * difference[bars, 0], abscissa=1e3 * (points[bars] - first), color=COLORS["b"])
             stream.log(f"along_path/{quantity}", chart, static=True, strict=True)
 
-    def _write_prescribed(self, stream: rr.RecordingStream, side: Side, times: NDArray[np.int64], points: FloatArray) -> None:
+    def _shown_path(self) -> tuple[float, float]:
+        """From which whole millimetre to where the differences along the path are shown as bars [m]."""
+        shown = self._shown_time()
+        if shown is None:
+            return 0.0, np.inf
+        ends = [
+            np.interp(shown, 1e-9 * side.rows("path/arc_length", "setpoint").nanoseconds, side.arc_length) for side in self._sides
+        ]
+        return 1e-3 * round(1e3 * min(first for first, _ in ends)), float(max(last for _, last in ends))
+
+    def _shown_time(self, *, narrow: bool = False) -> Range | None:
+        """From when to when plots show the motions; None is all, where neither is long. Where one is not, the time of that one."""
+        if self._worst is not None:
+            return around(self._worst, narrow=narrow)
+        return self._common_time
+
+    def _write_prescribed(self, stream: rr.RecordingStream, side: Side) -> None:
+        """Which deviations are prescribed."""
+        times = side.rows("path/arc_length", "setpoint").nanoseconds
+        points = self._points()
+        points = points[points <= side.arc_length[-1]]
         prescribed = 1e3 * np.unique(side.scene.corner_deviation)
         name = f"{side.letter.upper()} prescribed [mm]"
         entity = f"path/deviation/prescribed_{side.letter}"
@@ -164,15 +192,18 @@ class Comparison:
             column = rr.TimeColumn(PATH_TIMELINE, sequence=np.rint(1e6 * index).astype(np.int64))
         stream.send_columns(entity, [column], rr.Scalars.columns(scalars=values), strict=True)
 
-    def _plot(self, name: str, entity: str, *, top: float | None = None, legend: bool = False) -> rrb.TimeSeriesView:
-        """A plot of an entity and what is below it over time, from nought to `top` or over all values."""
-        spans = [span for found, span in self._spans.items() if found == entity or found.startswith(f"{entity}/")]
-        within = (0.0, top) if top is not None else labelled(min(low for low, _ in spans), max(high for _, high in spans), 12)
+    def _plot(
+        self, name: str, entity: str, *, within: Range | None = None, legend: bool = False, narrow: bool = False
+    ) -> rrb.TimeSeriesView:
+        """A plot of an entity and what is below it over time, within a range or over all values. Three share the height."""
+        if within is None:
+            spans = [span for found, span in self._spans.items() if found == entity or found.startswith(f"{entity}/")]
+            within = labelled(min(low for low, _ in spans), max(high for _, high in spans), 9)
         return rrb.TimeSeriesView(
             name=name,
             origin="/",
             contents=[f"{entity}/**"],
-            axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
+            axis_x=time_axis(self._shown_time(narrow=narrow)),
             axis_y=rrb.ScalarAxis(range=within),
             plot_legend=rrb.PlotLegend(visible=legend, corner=rrb.Corner2D.RightBottom),
         )
@@ -181,31 +212,47 @@ class Comparison:
         def unit(quantity: str) -> str:
             return self._sides[0].unit(quantity)[0].replace(".", "·").replace("2", "²")
 
+        where = f", around {self._worst:.1f} s" if self._worst is not None else ", while there are both"
+        where = where if self._common_time is not None else ""
+        first, last = (1e3 * end for end in self._shown_path())
+        counted = f" from {first:.0f} mm on" if first else ""
+        travelled = labelled(first, last, 9) if np.isfinite(last) else None
+
         def bars(name: str, quantity: str) -> rrb.BarChartView:
-            return rrb.BarChartView(name=name, origin=f"along_path/{quantity}", plot_legend=rrb.PlotLegend(visible=False))
+            title = f"{name}, over arc length [mm]{counted}"
+            return rrb.BarChartView(name=title, origin=f"along_path/{quantity}", plot_legend=rrb.PlotLegend(visible=False))
 
         motion = rrb.Vertical(
-            self._plot("Vertex distance [mm]: A broad blue, B thin orange, prescribed red", "path/deviation", top=self._near),
+            self._plot(
+                f"Vertex distance [mm]{where}: A broad blue, B thin orange, prescribed red",
+                "path/deviation",
+                within=(-0.07 * self._near, self._near),
+            ),
             self._plot(f"Tool speed [{unit('tcp/speed')}]", "tcp/speed"),
-            self._plot("Travelled along the path [mm]", "progress", legend=True),
+            self._plot("Distance to the nearer vertex, B - A [mm]", "difference/path/deviation")
+            if self._are_together
+            else self._plot("Travelled along the path [mm]", "progress", within=travelled, legend=True),
             name="Motion",
         )
         of_joints = _named(self._common)
         joints = rrb.Grid(
-            *(self._plot(f"{name} [{unit(quantity)}]: A broad, B thin", quantity) for name, quantity in of_joints),
+            *(self._plot(f"{name} [{unit(quantity)}]: A broad, B thin", quantity, narrow=True) for name, quantity in of_joints),
             grid_columns=2,
-            name="Joints",
+            name=f"Joints ({self._joint_words()}){where}",
         )
         differences = rrb.Grid(
-            self._plot("Distance to the nearer vertex, B - A [mm]", "difference/path/deviation"),
-            *(self._plot(f"{name}, B - A [{unit(quantity)}]", f"difference/{quantity}") for name, quantity in of_joints),
+            self._plot("Distance to the nearer vertex, B - A [mm]", "difference/path/deviation", narrow=True),
+            *(
+                self._plot(f"{name}, B - A [{unit(quantity)}]", f"difference/{quantity}", narrow=True)
+                for name, quantity in of_joints
+            ),
             grid_columns=2,
-            name="Differences",
+            name=f"Differences{where}",
         )
         path = rrb.Vertical(
-            bars("Later at the same point, B - A [ms], over arc length [mm]", "time_at_point"),
-            bars(f"Faster at the same point, B - A [{unit('tcp/speed')}], over arc length [mm]", "tcp/speed"),
-            bars("Distance to a vertex nearby at the same point, B - A [mm], over arc length [mm]", "path/deviation"),
+            *([] if self._are_together else [bars("Later at the same point, B - A [ms]", "time_at_point")]),
+            bars("Faster at the same point, B - A [mm/s]", "tcp/speed"),
+            bars("Distance to a vertex nearby at the same point, B - A [mm]", "path/deviation"),
             name="Along the path",
         )
         left = rrb.Vertical(
@@ -219,6 +266,34 @@ class Comparison:
             rrb.SelectionPanel(state="hidden"),
             rrb.BlueprintPanel(state="hidden"),
         )
+
+    def _joint_words(self) -> str:
+        """What tells the joints apart in all plots of them."""
+        if all(side.scene.coinciding_joints == (2, 3) for side in self._sides):
+            return "1 blue, 2 and 3 alike: green over yellow"
+        return "1 blue, 2 yellow, 3 green"
+
+
+def _are_together(sides: tuple[Side, Side]) -> bool:
+    """Whether both are at the same point of the path at any time, as a plan and its plant are, or two plants of one plan."""
+    a, b = (side.arc_length for side in sides)
+    return a.shape == b.shape and bool(np.allclose(a, b, rtol=0.0, atol=1e-9))
+
+
+def _common_time(sides: tuple[Side, Side]) -> Range | None:
+    """Where one of the motions is long, from when to when there are both."""
+    ends = [side.path()[0][[0, -1]] for side in sides]
+    if max(last - first for first, last in ends) <= LONG:
+        return None
+    return float(max(first for first, _ in ends)), float(min(last for _, last in ends))
+
+
+def _worst(sides: tuple[Side, Side], common: Range | None) -> float | None:
+    """When the worst pass was that was executed [s], where both motions are long."""
+    if common is None or common[1] - common[0] <= LONG:
+        return None
+    passed = [(excess(side.scene, mark), mark.time) for side in sides if side.role == "actual" for mark in side.marks]
+    return max(((beyond, time) for beyond, time in passed if common[0] <= time <= common[1]), default=(0.0, None))[1]
 
 
 def _named(quantities: list[str]) -> list[tuple[str, str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -56,7 +57,7 @@ def worst(scene: Scene, found: Sequence[CornerMark]) -> list[CornerMark]:
     """The worst of all passes on each side, pick side first."""
     of_side: dict[int, CornerMark] = {}
     for mark in found:
-        if mark.corner not in of_side or _excess(scene, mark) > _excess(scene, of_side[mark.corner]):
+        if mark.corner not in of_side or excess(scene, mark) > excess(scene, of_side[mark.corner]):
             of_side[mark.corner] = mark
     return [mark for _, mark in sorted(of_side.items())]
 
@@ -64,6 +65,8 @@ def worst(scene: Scene, found: Sequence[CornerMark]) -> list[CornerMark]:
 def marks(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str, Any]]:
     """Where the executed path comes closest to a vertex of each side, in the worst of all passes, and how close, in words."""
     plan_color = color_of_plan(scene)
+    for corner in {0, 1} - {mark.corner for mark in found} if not scene.served else ():
+        yield f"corner/{CORNERS[corner]}/label/executed", _label(scene, corner, 1, "not reached", EXECUTED)
     for mark in worst(scene, found):
         entity, move = f"corner/{CORNERS[mark.corner]}", scene.moves[mark.move]
         where = f", {scene.name_of(mark.move)}" if len(scene.moves) > 1 else ""
@@ -98,7 +101,7 @@ def approaches(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str,
             yield f"world/corner/{name}/approaches", points
 
 
-def _excess(scene: Scene, mark: CornerMark) -> float:
+def excess(scene: Scene, mark: CornerMark) -> float:
     """By how much the executed path of a pass is further away from the vertex than prescribed [m]."""
     return mark.executed - float(scene.moves[mark.move].corner_deviation[mark.corner])
 
@@ -106,18 +109,29 @@ def _excess(scene: Scene, mark: CornerMark) -> float:
 PASSES = f"{PLOT}corner/deviation"
 """Where the deviation of each pass of a corner is."""
 
+EXCESS = f"{PLOT}corner/excess"
+"""Where it is counted from what is prescribed, which tells the margin of corners of any deviation."""
+
 
 def passes(scene: Scene, found: Sequence[CornerMark]) -> Iterator[tuple[str, Any, FloatArray]]:
-    """Entities, styles and values of the deviation at each corner in order of time: prescribed, planned and executed [mm]."""
-    prescribed = [float(scene.moves[mark.move].corner_deviation[mark.corner]) for mark in found]
+    """Entities, styles and values of the deviation at each corner in order of time [mm], and of its excess where that is shown."""
+    prescribed = 1e3 * np.array([scene.moves[mark.move].corner_deviation[mark.corner] for mark in found])
     for name, values, color, size in (
-        ("executed", [mark.executed for mark in found], EXECUTED, 5.0),  # seen as a rim where the next one covers it
-        ("planned", [mark.planned for mark in found], CORNER, 3.0),
+        ("executed", 1e3 * np.array([mark.executed for mark in found]), EXECUTED, 5.0),  # seen as a rim where the next covers it
+        ("planned", 1e3 * np.array([mark.planned for mark in found]), CORNER, 3.0),
         ("prescribed", prescribed, LIMIT, 1.5),
     ):
-        names = [f"corner deviation {name} [mm]"]
-        style = rr.SeriesPoints(names=names, colors=[color], marker_sizes=[size], markers=["circle"])
-        yield f"{PASSES}/{name}", style, 1e3 * np.array(values)
+        style = partial(rr.SeriesPoints, colors=[color], marker_sizes=[size], markers=["circle"])
+        yield f"{PASSES}/{name}", style(names=[f"corner deviation {name} [mm]"]), values
+        if name != "prescribed":
+            yield f"{EXCESS}/{name}", style(names=[f"corner deviation {name} - prescribed [mm]"]), values - prescribed
+
+
+def allowed(scene: Scene) -> tuple[str, Any, FloatArray]:
+    """Entity, style and values of the lines beside the excess [mm]: what is prescribed, and what is tolerated beyond it."""
+    names = ["prescribed [mm]", "tolerance [mm]"][: 1 + (scene.tolerance > 0.0)]
+    style = rr.SeriesLines(names=names, colors=[LIMIT] * len(names), widths=[1.5] * len(names))
+    return f"{EXCESS}/limit", style, np.array([0.0, 1e3 * scene.tolerance][: len(names)])
 
 
 def near(scene: Scene, corner: int, seen: FloatArray) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -12,6 +11,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from deltaph.telemetry.axes import labelled
+from deltaph.telemetry.world import pixels
 
 FloatArray = NDArray[np.float64]
 
@@ -19,6 +19,9 @@ _COLORS = {"proposed": (90, 190, 255), "comparison": (255, 140, 40)}
 _THREE = ((86, 180, 233), (240, 200, 60), (40, 190, 140))
 _WIDTHS = (2.0, 5.0, 2.0)
 """The second is broad: joints 2 and 3 coincide on a move along x, and one would hide the other."""
+
+_DEVIATION = "figure_4/deviation"
+"""Where the corner deviations are shown: in the local picture, not in that of the entire path."""
 
 _AXES = "x blue, y yellow, z green"
 _ALIKE = "1 blue, 2 yellow, seen as a rim of 3, green"
@@ -64,6 +67,7 @@ def write_figures(path: Path, methods: tuple[Method, Method], markdown: str) -> 
         stream.log("claims", rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN), static=True, strict=True)
         stream.log("figure_4", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True, strict=True)
         _write_strip(stream, "figure_4/right_angle", methods[0].right_angle_path, (130, 130, 130), 1.0)
+        _write_deviations(stream, methods)
         for number, method in enumerate(methods):
             _write_strip(stream, f"figure_4/{method.name}", method.tcp_position, _COLORS[method.name], 2.0)
             planned, executed = f"figure_{5 + number}", f"figure_{7 + number}"
@@ -79,8 +83,21 @@ def _joints(unit: str) -> list[str]:
 
 
 def _write_strip(stream: rr.RecordingStream, entity: str, points: FloatArray, color: tuple[int, int, int], width: float) -> None:
-    radius: Any = rr.components.Radius.ui_points(width)
-    stream.log(entity, rr.LineStrips3D([points], colors=[color], radii=[radius]), static=True, strict=True)
+    stream.log(entity, rr.LineStrips3D([points], colors=[color], radii=[pixels(width)]), static=True, strict=True)
+
+
+def _write_deviations(stream: rr.RecordingStream, methods: tuple[Method, Method]) -> None:
+    """From the first vertex to the nearest point of each path, and above the corner, where no path comes, how far that is."""
+    _, vertex, second, _ = methods[0].right_angle_path
+    across, largest = (second - vertex) / np.linalg.norm(second - vertex), max(method.corner_deviation for method in methods)
+    for line, method in enumerate(methods):
+        color = _COLORS[method.name]
+        nearest = method.tcp_position[np.argmin(np.linalg.norm(method.tcp_position - vertex, axis=1))]
+        _write_strip(stream, f"{_DEVIATION}/{method.name}", np.array([vertex, nearest]), color, 1.0)
+        at = vertex + largest * (2.0 * across + np.array([0.0, 0.0, 1.5 - 0.7 * line]))
+        text = f"{method.name} {1e3 * method.corner_deviation:.1f} mm"
+        label = rr.Points3D([at], colors=[color], radii=[pixels(0.0)], labels=[text], show_labels=True)
+        stream.log(f"{_DEVIATION}/{method.name}/label", label, static=True, strict=True)
 
 
 def _write(stream: rr.RecordingStream, entity: str, time: FloatArray, values: FloatArray, names: list[str]) -> None:
@@ -103,8 +120,8 @@ def _plot(name: str, entity: str, values: FloatArray) -> rrb.TimeSeriesView:
     )
 
 
-def _space(method: Method, name: str, target: FloatArray, distance: float) -> rrb.Spatial3DView:
-    """The paths seen at right angles to their plane, pick on the left."""
+def _space(method: Method, name: str, target: FloatArray, distance: float, *contents: str) -> rrb.Spatial3DView:
+    """The paths, and what else there is, seen at right angles to their plane, pick on the left."""
     _, first, second, _ = method.right_angle_path
     up = np.array([0.0, 0.0, 1.0])
     toward = np.cross(second - first, up)
@@ -114,18 +131,18 @@ def _space(method: Method, name: str, target: FloatArray, distance: float) -> rr
         look_target=target,
         eye_up=up,
     )
-    return rrb.Spatial3DView(origin="figure_4", name=name, eye_controls=eye, line_grid=False)
+    return rrb.Spatial3DView(origin="figure_4", name=name, contents=["$origin/**", *contents], eye_controls=eye, line_grid=False)
 
 
 def _blueprint(methods: tuple[Method, Method]) -> rrb.Blueprint:
-    proposed, comparison = methods
+    proposed, _ = methods
     pick, first, second, place = proposed.right_angle_path
     across = (second - first) / np.linalg.norm(second - first)
-    millimetres = f"{1e3 * proposed.corner_deviation:.1f} mm, {1e3 * comparison.corner_deviation:.1f} mm"
+    middle = 0.25 * (pick + first + second + place)
     near = first + 2.0 * proposed.corner_deviation * (across - np.array([0.0, 0.0, 1.0]))
     figure_4 = rrb.Vertical(
-        _space(proposed, "4 (a) entire path: proposed blue, comparison orange", 0.25 * (pick + first + second + place), 0.32),
-        _space(proposed, f"4 (b) local path: deviations {millimetres}", near, 8.0 * proposed.corner_deviation),
+        _space(proposed, "4 (a) entire path: proposed blue, comparison orange", middle, 0.22, f"- {_DEVIATION}/**"),
+        _space(proposed, "4 (b) local path, with its deviations", near, 8.0 * proposed.corner_deviation),
         name="Figure 4",
     )
     planned = [
@@ -139,7 +156,7 @@ def _blueprint(methods: tuple[Method, Method]) -> rrb.Blueprint:
     ]
     executed = [
         rrb.Vertical(
-            _plot(f"{n} (a) joint velocity, {m.name} method, executed [rad/s]", f"figure_{n}/a", m.executed_velocity),
+            _plot(f"{n} (a) joint velocity, {m.name} method, executed [rad/s]: {_ALIKE}", f"figure_{n}/a", m.executed_velocity),
             _plot(f"{n} (b) motor torque, executed [N·m]: {_ALIKE}", f"figure_{n}/b", m.motor_torque),
             name=f"Figure {n}",
         )

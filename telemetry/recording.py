@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from deltaph.frame import Frame
 from deltaph.telemetry.blueprint import blueprint
-from deltaph.telemetry.corner import approaches, executed_entity, marks, near, passes, still_corners
+from deltaph.telemetry.corner import allowed, approaches, executed_entity, marks, near, passes, still_corners, worst
 from deltaph.telemetry.destination import Destination, RecordingFile
 from deltaph.telemetry.events import EVENT_KINDS, EventWatch, level, sentence
 from deltaph.telemetry.keys import FRAME_MESSAGES, MessageName
@@ -78,6 +78,7 @@ class Recorder:
         self._watch = EventWatch()
         self._events: list[np.void] = []
         self._held: dict[str, tuple[float, int]] = {}  # value and step of the last row
+        self._time = np.inf, -np.inf  # of the first and of the newest setpoint [s]
         self._last: dict[MessageName, Records] = {}  # one record each
         self._spans: dict[str, tuple[float, float]] = {}  # least and greatest value of each entity
         self._summary: tuple[str, str, Sequence[CornerMark], Scene | None] | None = None
@@ -149,17 +150,19 @@ class Recorder:
                 if scene is not None:
                     self._scene = scene
                     for entity, archetype in (*still_world(scene), *still_moves(scene), *still_corners(scene)):
-                        self._stream.log(entity, archetype, static=True, strict=True)
-                self._stream.log("summary", _text(markdown), static=True, strict=True)
+                        _log(self._stream, entity, archetype)
+                _log(self._stream, "summary", _text(markdown))
                 self._stream.send_property("summary", rr.AnyValues(json=facts))
                 of_passes = approaches(self._scene, corners) if self._scene.served else ()
+                self._stream.flush()
                 for entity, archetype in (*marks(self._scene, corners), *of_passes):
-                    self._stream.log(entity, archetype, static=True, strict=True)
+                    _log(self._stream, entity, archetype)
                 if len(corners) > len(CORNERS) or (corners and self._scene.served):
                     self._write_passes(corners)
                 self._destination.written(self._stream)
             if self._open_stream is not None and not self._destination.live:  # somebody may be changing the layout of a live one
-                self._open_stream.send_blueprint(blueprint(self._scene, spans=self._spans))
+                seen = worst(self._scene, self._summary[2]) if self._summary is not None else ()
+                self._open_stream.send_blueprint(blueprint(self._scene, spans=self._spans, time=self._time, passed=seen))
         finally:
             if self._open_stream is not None:
                 self._open_stream.disconnect()
@@ -176,9 +179,9 @@ class Recorder:
             stream.send_recording_name(self._scene.title)
             facts = rr.AnyValues(title=self._scene.title, law=self._scene.law, json=self._scene.scenario_json)
             stream.send_property("scenario", facts)
+            stream.flush()
             for entity, archetype in self._still:
-                stream.log(entity, archetype, static=True, strict=True)
-            stream.flush()  # a recorder that is killed leaves a file that says what it is
+                _log(stream, entity, archetype)  # a recorder that is killed leaves a file that says what it is
         return self._open_stream
 
     def _stills(self) -> Iterator[tuple[str, Any]]:
@@ -236,6 +239,7 @@ class Recorder:
             self._write_operations(records)
         if name == "setpoint":
             ends = records[[0, -1]]
+            self._time = min(self._time[0], float(ends["time"][0])), float(ends["time"][1])
             for limit in self._limits:
                 self._send_scalars(limit.entity, _index(ends), np.array([limit.values] * 2))
 
@@ -368,11 +372,13 @@ class Recorder:
         """The deviation at each corner, when it was passed."""
         time = np.rint([1e9 * corner.time for corner in corners]).astype("timedelta64[ns]")
         found = list(passes(self._scene, corners))
-        for entity, points, _ in found:
-            self._stream.log(entity, points, static=True, strict=True)
-        self._stream.flush()  # what is logged takes another way than columns: equal recordings have an entity's chunks in one order
+        line, lines, bounds = allowed(self._scene)
+        for entity, archetype in ((line, lines), *((entity, points) for entity, points, _ in found)):
+            _log(self._stream, entity, archetype)
         for entity, _, values in found:
             self._send_scalars(entity, [rr.TimeColumn("sim_time", duration=time)], values)
+        ends = np.rint([1e9 * end for end in self._time]).astype("timedelta64[ns]")
+        self._send_scalars(line, [rr.TimeColumn("sim_time", duration=ends)], np.array([bounds] * 2))
 
     def _send_scalars(self, entity: str, index: list[rr.TimeColumn], values: FloatArray) -> None:
         """Rows (n,) or (n, series)."""
@@ -382,6 +388,16 @@ class Recorder:
 
     def _send(self, entity: str, index: list[rr.TimeColumn], columns: Any) -> None:
         self._stream.send_columns(entity, index, columns, strict=True)
+
+
+def _log(stream: rr.RecordingStream, entity: str, archetype: Any) -> None:
+    """Write what does not move, at once.
+
+    Left to the stream, which writes every so many milliseconds, it would come in an order that depends on when, and after columns
+    that were sent later: equal recordings have their chunks in one order.
+    """
+    stream.log(entity, archetype, static=True, strict=True)
+    stream.flush()
 
 
 def _text(markdown: str) -> rr.TextDocument:

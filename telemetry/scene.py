@@ -78,8 +78,9 @@ class Scene:
             another scene with those that were run; until then `moves` only tell where to look.
         period: after which the moves repeat [s]; None where what comes after them repeats the last one, there or back.
         clock: times (n,) [s] -> where the clock of the moves is then (n,) [s]; the time, unless they are slowed down.
-        limits: `joint_velocity`, `joint_acceleration`, `joint_torque` or `tcp_speed` -> one value or one per joint, SI;
-            infinite where there is none. Limits of what is not recorded are ignored.
+        tolerance: how far beyond the prescribed deviation an executed path may be [m].
+        limits: `joint_velocity`, `joint_acceleration`, `joint_torque`, `motor_torque` or `tcp_speed` -> one value or one per
+            joint, SI; infinite where there is none. Limits of what is not recorded are ignored.
         joint_range: least and greatest joint position [rad].
         peaks: quantity, named as in `limits` -> greatest planned value, SI.
         coinciding_joints: joints (1 to 3) that the plan moves alike, so that the line of the last hides those of the others.
@@ -97,6 +98,7 @@ class Scene:
     served: bool = False
     period: float | None = None
     clock: Callable[[FloatArray], FloatArray] = lambda time: time
+    tolerance: float = 0.0
     limits: Mapping[str, float | Sequence[float]] = field(default_factory=dict)
     joint_range: tuple[float, float] = (-np.inf, np.inf)
     peaks: Mapping[str, float] = field(default_factory=dict)

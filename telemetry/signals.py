@@ -48,7 +48,7 @@ _NEAR = 6.0
 
 _PLOTTED = ("path/deviation", "joint/position")
 _HELD = re.compile(r"timing/(missed_|slipped_|dropped_|lateness)|path/length/|trip_time/")
-_STEP_TIMES = ("planner_step", "plant_step", "publish", "lateness")
+STEP_TIMES = ("planner_step", "plant_step", "publish", "lateness")
 _JOINED = ("joint_tracking_error", "tcp_tracking_error")  # recorded as setpoint - actual; the plant extrapolates the setpoint
 
 
@@ -191,9 +191,9 @@ def _step_times() -> Signal:
     """What a step takes, in one entity: an entity costs as much as two of its values."""
 
     def values(records: Records) -> FloatArray:
-        return 1e3 * np.stack([records[name] for name in _STEP_TIMES], axis=-1)
+        return 1e3 * np.stack([records[name] for name in STEP_TIMES], axis=-1)
 
-    return Signal(f"{PLOT}timing", "timing", tuple(f"{name} [ms]" for name in _STEP_TIMES), values)
+    return Signal(f"{PLOT}timing", "timing", tuple(f"{name} [ms]" for name in STEP_TIMES), values)
 
 
 def shown_unit(name: str) -> tuple[str, float]:
@@ -234,7 +234,7 @@ TRACKING_ERRORS = tuple(_tracking_errors())
 
 
 def limits(scene: Scene) -> Iterator[Limit]:
-    """The limits of what is recorded: one line where all joints have the same, and for joints the same below zero."""
+    """The limits of what is recorded: one line where all joints have the same, and for joints and motors the same below zero."""
     units = {signal.entity.rpartition("/")[0]: signal.names[0].rpartition(" ")[2] for signal in signals(scene)}
     lines: list[tuple[str, str, tuple[float, ...]]] = [
         ("path/deviation", "limit", () if scene.served else tuple(np.unique(scene.corner_deviation).tolist())),
@@ -244,7 +244,7 @@ def limits(scene: Scene) -> Iterator[Limit]:
     for quantity, value in scene.limits.items():
         entity, values = quantity.replace("_", "/", 1), tuple(np.unique(value).tolist())
         lines.append((entity, "limit", values))
-        if entity.startswith("joint"):
+        if entity.startswith(("joint", "motor")):
             lines.append((entity, "limit_below", tuple(-v for v in values)))
     for entity, role, values in lines:
         finite = tuple(value for value in values if np.isfinite(value))

@@ -70,3 +70,17 @@ def assert_same_rows(first: Recording, second: Recording) -> None:
         if "limit" not in entity:
             for name, values in rows.items():
                 assert np.array_equal(second.rows[entity][name], values), (entity, name)
+
+
+def last_blueprint(path: Path, component: str) -> dict[str, Any]:
+    """A component of the last blueprint of a recording, by the blueprint's entity."""
+    reader = RrdReader(path)
+    (*_, chunks) = sorted(([*reader.stream(store=entry)] for entry in reader.blueprints()), key=_newest)
+    batches = [(chunk.entity_path, chunk.to_record_batch()) for chunk in chunks]
+    return {entity: batch.column(component)[-1].as_py()[0] for entity, batch in batches if component in batch.schema.names}
+
+
+def _newest(chunks: list[Any]) -> int:
+    """Wall clock of the newest chunk of a blueprint [ns]."""
+    batches = [chunk.to_record_batch() for chunk in chunks]
+    return max(int(batch.column("log_time")[-1].value) for batch in batches if "log_time" in batch.schema.names)

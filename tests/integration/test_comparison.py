@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from integration.read_back import static_components
+from integration.read_back import last_blueprint, static_components
 from integration.synthetic_cell import frames, scene
 from rerun.chunk import RrdReader
 
@@ -67,7 +67,7 @@ def test_on_the_same_path_the_deviation_differs_in_time_but_hardly_along_the_pat
     where, along = rows(directory / "both.rrd", "difference/path/deviation", PATH_TIMELINE)
     assert np.abs(in_time).max() > 50.0
     assert np.abs(along).max() < 0.5
-    assert where.tolist() == list(range(0, where[-1] + 1, 100))
+    assert where.tolist() == list(range(0, where[-1] + 1, 500))
     assert where[-1] == pytest.approx(391_586, abs=100)  # the path's length in micrometres
 
 
@@ -87,7 +87,7 @@ def test_blueprint_and_verdict_are_inside(directory: Path) -> None:
     assert "Time-optimal" in text
     assert "**Deviation kept within the tolerance of 0.05 mm, by 0.03" in text
     assert "Joints 2 and 3 move alike" in text
-    assert "| duration [ms] | 303.0000 | 224.0000 | -79.0000 (-26.1 %) |" in text
+    assert "| duration [ms] | 303 | 224 | -79 (-26.1 %) |" in text
 
 
 @pytest.mark.parametrize("name", ["pick", "place"])
@@ -117,11 +117,11 @@ def test_corners_show_all_passes(directory: Path, tmp_path: Path) -> None:
 
 def test_differences_along_the_path_are_seen_without_choosing_a_timeline(directory: Path) -> None:
     static = static_components(directory / "both.rrd")
-    for quantity in ("time_at_point", "tcp/speed"):
+    for quantity, factor in (("time_at_point", 1.0), ("tcp/speed", 1e3)):
         _, along = rows(directory / "both.rrd", f"difference/{quantity}", PATH_TIMELINE)
         chart = static[f"/along_path/{quantity}"]
         values, points = (np.array(chart[f"BarChart:{name}"][0]["buffer"], dtype=float) for name in ("values", "abscissa"))
-        np.testing.assert_allclose(values, along[::10, 0])
+        np.testing.assert_allclose(values, factor * along[::2, 0])
         np.testing.assert_allclose(points, 1.0 * np.arange(len(points)), atol=1e-9)  # a bar for each millimetre
 
 
@@ -133,6 +133,46 @@ def test_one_recording_is_its_plan_against_its_plant(directory: Path) -> None:
     _, difference = rows(directory / "plan.rrd", "difference/joint/velocity", "sim_time")
     expected = np.degrees(recorded["joint/velocity/actual"].values - recorded["joint/velocity/setpoint"].values)
     np.testing.assert_allclose(difference, expected, atol=1e-9)
+    assert "/along_path/tcp/speed" in (static := static_components(directory / "plan.rrd"))
+    assert "/along_path/time_at_point" not in static  # both are where the plan is
+    compare(directory / "paper.rrd", directory / "factory_gains.rrd", directory / "gains.rrd")
+    assert "/along_path/time_at_point" not in static_components(directory / "gains.rrd")
+    assert "/along_path/time_at_point" in static_components(directory / "both.rrd")
+
+
+def test_an_operation_and_a_sequence_are_compared(directory: Path, tmp_path: Path) -> None:
+    done = deltaph("run", SCENARIOS / "stack.toml", "--no-telemetry", "--record", tmp_path / "stack.rrd")
+    assert done.returncode == 0, done.stderr
+    facts = compare(directory / "paper.rrd", tmp_path / "stack.rrd", tmp_path / "c.rrd")
+    assert "parts a minute" not in facts["a"]["figures"] and facts["b"]["figures"]["parts a minute"] > 100.0
+    label = static_components(tmp_path / "c.rrd")["/corner/pick/label/prescribed"]["Points2D:labels"]
+    assert label == ["prescribed 6 mm"]
+    end = 1e-9 * Reading(directory / "paper.rrd").rows["tcp/position/actual"].nanoseconds[-1]
+    for shown in last_blueprint(tmp_path / "c.rrd", "TimeAxis:view_range").values():
+        assert (1e-9 * shown["start"], 1e-9 * shown["end"]) == pytest.approx((0.0, end))
+
+
+def test_sequence_is_compared_by_its_pace_and_its_worst_corner_around_which_it_is_shown(tmp_path: Path) -> None:
+    done = deltaph("run", SCENARIOS / "stack.toml", "--no-telemetry", "--record", tmp_path / "stack.rrd")
+    assert done.returncode == 0, done.stderr
+    facts = compare(tmp_path / "stack.rrd", None, tmp_path / "plan.rrd")
+    summary = Reading(tmp_path / "stack.rrd").summary
+    assert summary is not None
+    planned, executed = (facts[letter]["figures"] for letter in "ab")
+    assert planned["parts a minute"] == executed["parts a minute"] == summary["sequence"]["parts_per_minute"]
+    corners = summary["executed"]["corners"]
+    worst = max(corners, key=lambda corner: corner["executed_m"] - corner["prescribed_m"])
+    key = "beyond the prescribed deviation, worst corner [mm]"
+    assert executed[key] == pytest.approx(1e3 * (worst["executed_m"] - worst["prescribed_m"]))
+    assert planned[key] == pytest.approx(1e3 * max(corner["planned_m"] - corner["prescribed_m"] for corner in corners), abs=1e-9)
+    starts = last_blueprint(tmp_path / "plan.rrd", "TimeAxis:view_range").values()
+    assert len(starts) > 10
+    for shown in starts:
+        assert shown["start"] < 1e9 * worst["time_s"] < shown["end"] < shown["start"] + 1e9
+    chart = static_components(tmp_path / "plan.rrd")["/along_path/tcp/speed"]
+    points = chart["BarChart:abscissa"][0]["buffer"]
+    travelled, _ = rows(tmp_path / "plan.rrd", "tcp/speed/a", PATH_TIMELINE)
+    assert 100 < len(points) < 0.6 * 1e-3 * travelled[-1]  # bars of a millimetre, of the half that is shown
 
 
 def test_command_prints_both_and_writes_json(directory: Path, tmp_path: Path) -> None:

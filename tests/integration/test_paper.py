@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from integration.read_back import static_components
 from rerun.chunk import RrdReader
 
 DELTAPH = Path(sys.executable).with_name("deltaph")
@@ -54,6 +55,13 @@ def test_figures_4_to_8_are_there_with_their_units(done: tuple[Path, dict[str, A
     assert sorted(names) == [f"/figure_{n}/{part}" for n in (5, 6) for part in "abc"] + [
         f"/figure_{n}/{part}" for n in (7, 8) for part in "ab"
     ]
+    static = static_components(done[0])
+    for method, deviation in (("proposed", 6.0), ("comparison", 3.7)):
+        (spoke,) = np.array(static[f"/figure_4/deviation/{method}"]["LineStrips3D:strips"])
+        assert 1e3 * np.linalg.norm(spoke[1] - spoke[0]) == pytest.approx(deviation, abs=0.01)
+        assert static[f"/figure_4/deviation/{method}/label"]["Points3D:labels"] == [f"{method} {deviation:.1f} mm"]
+    text = static["/claims"]["TextDocument:text"][0]
+    assert "| deviation of the comparison method | fixed, cannot be changed | 0.52 to 11.12 mm | wrong |" in text
     assert names["/figure_5/b"] == [f"joint {i} [deg]" for i in (1, 2, 3)]
     assert names["/figure_8/b"][0] == "joint 1 [N.m]"
     assert np.abs(values["/figure_5/a"][:, 0]).max() == pytest.approx(2.4, rel=2e-3)  # V_max, on the aligned clock

@@ -13,15 +13,17 @@ import numpy as np
 import pyarrow
 import pytest
 import rerun_cli
-from integration.read_back import Recording, assert_same_rows
+from integration.read_back import Recording, assert_same_rows, last_blueprint
 from integration.sinks import recorder_of_the_scene
 from integration.synthetic_cell import DEVIATION, FOREARM, RIGHT_ANGLE_PATH, elbows, frames, replaced, scene, values_of
 from numpy.typing import NDArray
+from rerun.blueprint import Container
 from rerun.chunk import RrdReader
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import TIMING, Frame
 from deltaph.telemetry import Recorder, SinkProcess, layout
+from deltaph.telemetry.blueprint import blueprint
 from deltaph.telemetry.events import EventWatch
 from deltaph.telemetry.keys import FRAME_MESSAGES
 from deltaph.telemetry.scene import CornerMark
@@ -75,28 +77,46 @@ def test_verify_passes_and_the_blueprint_is_inside(file: Path, recording: Record
     assert {entry.application_id for entry in recording.blueprints} == {"deltaph"}
 
 
+def test_while_a_cell_runs_the_distance_to_the_vertices_is_shown_as_it_comes() -> None:
+    def titles(part: Any) -> list[str]:
+        inside = part.contents if isinstance(part, Container) else []
+        return [str(part.name), *(title for inner in inside for title in titles(inner))]
+
+    def shown(live: bool) -> list[str]:
+        return titles(blueprint(scene(), live=live).root_container)
+
+    passing = "Distance to the nearer vertex [mm]: planned violet, executed orange, limit red"
+    assert passing in shown(live=True)
+    assert not [title for title in shown(live=True) if title.startswith("Pick vertex")]
+    assert passing not in shown(live=False)
+    assert "Pick vertex [mm], limit 6" in shown(live=False)
+
+
+def test_while_a_cell_runs_plots_show_the_time_before_the_cursor(tmp_path: Path) -> None:
+    """The whole of a long run would be a band of colour."""
+    blueprint(scene(), live=True).save("deltaph", tmp_path / "live.rbl")
+    blueprint(scene()).save("deltaph", tmp_path / "file.rbl")
+    ranges = last_blueprint(tmp_path / "live.rbl", "TimeAxis:view_range")
+    assert len(ranges) > 15
+    assert {(shown["start"], shown["end"]) for shown in ranges.values()} == {(-2_000_000_000, 0)}
+    assert len(last_blueprint(tmp_path / "file.rbl", "TimeAxis:view_range")) == 2  # the vertices
+
+
+def test_titles_say_whether_there_is_a_limit(file: Path) -> None:
+    titles = last_blueprint(file, "ViewBlueprint:display_name").values()
+    for words in ("Joint velocity [rad/s]: broad actual, thin setpoint, limit red", "Joint acceleration [rad/s²], no limit"):
+        assert words in titles
+
+
 def test_last_blueprint_has_ranges_that_show_what_was_recorded(file: Path, recording: Recording) -> None:
-    reader = RrdReader(file)
-    last = max(recording.blueprints, key=lambda entry: max(newest(chunk) for chunk in reader.stream(store=entry)))
-    titles, ranges = {}, {}
-    for chunk in reader.stream(store=last):
-        batch = chunk.to_record_batch()
-        if "ViewBlueprint:display_name" in batch.schema.names:
-            titles[chunk.entity_path] = batch.column("ViewBlueprint:display_name")[0].as_py()[0]
-        if "ScalarAxis:range" in batch.schema.names:
-            ranges[chunk.entity_path.removesuffix("/ScalarAxis")] = batch.column("ScalarAxis:range")[0].as_py()[0]
-    for words, entity in (("Tool tracking error", "/plot/tcp/tracking_error"), ("Motor torque", "/motor/torque/actual")):
+    titles = last_blueprint(file, "ViewBlueprint:display_name")
+    ranges = {path.removesuffix("/ScalarAxis"): found for path, found in last_blueprint(file, "ScalarAxis:range").items()}
+    for words, entity in (("Tool tracking error", "/plot/tcp/tracking_error"), ("Joint velocity", "/joint/velocity/actual")):
         ((low, high),) = (ranges[view] for view, title in titles.items() if title.startswith(words))
         values = recording.scalars(entity)
         assert low < values.min()
         assert high > values.max()
         assert high - low < 4.0 * np.ptp(values)
-
-
-def newest(chunk: Any) -> int:
-    """Wall clock of a chunk of a blueprint [ns]."""
-    batch = chunk.to_record_batch()
-    return int(batch.column("log_time")[-1].value) if "log_time" in batch.schema.names else 0
 
 
 @pytest.mark.parametrize("quantity", ["position", "velocity", "acceleration", "torque"])
@@ -310,6 +330,7 @@ def test_closest_points_are_marked_with_their_distance(tmp_path: Path) -> None:
     planned = static["/corner/pick/nearest/planned"]["Points2D:positions"][0]
     assert np.linalg.norm(planned) == pytest.approx(1e3 * DEVIATION, abs=1e-3)
     assert not [entity for entity in static if entity.startswith("/corner/place/nearest")]
+    assert static["/corner/place/label/executed"]["Points2D:labels"] == ["not reached"]
 
 
 def test_every_move_has_its_own_vertices(tmp_path: Path) -> None:

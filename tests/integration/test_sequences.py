@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from integration.read_back import Recording
+from integration.read_back import Recording, last_blueprint
 from integration.test_cli import DELTAPH, assert_refused, deltaph, table
 from integration.test_following import free_port, process, rerun_binary
 
@@ -408,6 +408,9 @@ def test_the_recording_shows_every_operation(recorded: Recorded) -> None:
         rows = recording.rows[f"/plot/corner/deviation/{name}"]
         assert rows["sim_time"].tolist() == [round(1e9 * corner["time_s"]) for corner in corners]
         np.testing.assert_allclose(rows["Scalars:scalars"][:, 0], [1e3 * corner[f"{name}_m"] for corner in corners])
+    excess = [1e3 * (corner["executed_m"] - corner["prescribed_m"]) for corner in corners]
+    np.testing.assert_allclose(recording.scalars("/plot/corner/excess/executed")[:, 0], excess, atol=1e-9)
+    np.testing.assert_allclose(recording.scalars("/plot/corner/excess/limit"), [[0.0, 0.1]] * 2)
     # corners lie on top of each other: those above the pick points on one side, whichever way they are passed
     for name, inwards in (("pick", 1.0), ("place", -1.0)):
         strips = [np.array(strip) for strip in recording.static[f"/corner/{name}/planned_corner"]["LineStrips2D:strips"]]
@@ -424,6 +427,22 @@ def test_the_recording_shows_every_operation(recorded: Recorded) -> None:
     for step, is_carried in zip(payload["step"], carried, strict=True):
         mass = [mass for time, mass in changes if time <= step / 1000.0 + 5e-7][-1]
         assert is_carried == (mass > 0.0), step
+
+
+def test_plots_begin_at_the_worst_pass(recorded: Recorded) -> None:
+    path, _, facts = recorded
+    corners = facts["executed"]["corners"]
+    worst = [
+        max((c for c in corners if c["side"] == side), key=lambda corner: corner["executed_m"] - corner["prescribed_m"])
+        for side in (0, 1)
+    ]
+    titles = last_blueprint(path, "ViewBlueprint:display_name")
+    ranges = {entity.removesuffix("/TimeAxis"): found for entity, found in last_blueprint(path, "TimeAxis:view_range").items()}
+    for name, corner in zip(("Pick", "Place"), worst, strict=True):
+        (view,) = (v for v, title in titles.items() if title.startswith(f"{name}, worst at {corner['time_s']:.3f} s"))
+        start, end = (ranges[view][key] for key in ("start", "end"))
+        assert start < 1e9 * corner["time_s"] < end
+        assert end - start == pytest.approx(48e6, abs=1e3)
 
 
 def test_a_recorded_sequence_is_exported_with_the_number_of_the_operation(recorded: Recorded) -> None:

@@ -62,6 +62,8 @@ def test_the_plans_that_were_run_are_drawn(files: tuple[Path, Path]) -> None:
 def test_deviation_of_each_pass_and_nothing_beside_vertices_that_were_none(files: tuple[Path, Path]) -> None:
     rows = Recording(files[0]).rows
     np.testing.assert_allclose(np.ravel(rows["/plot/corner/deviation/prescribed"]["Scalars:scalars"].tolist()), [6, 6, 4, 4])
+    excess = np.ravel(rows["/plot/corner/excess/planned"]["Scalars:scalars"].tolist())
+    np.testing.assert_allclose(excess, 0.0, atol=1e-6)
     for entity in ("/path/deviation/actual", "/path/deviation/limit", "/corner/pick/executed"):
         assert entity not in rows
 

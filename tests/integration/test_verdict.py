@@ -44,6 +44,19 @@ def millimetres(corner: Facts, name: str) -> str:
     return f"{1e3 * corner[name]:.3f}"
 
 
+def test_an_excursion_to_the_outside_is_said_beside_a_deviation_that_was_kept(run: Callable[..., Any]) -> None:
+    page, facts = run("torque_limit")
+    assert page.startswith("# Deviation kept, by")
+    assert f"**Outside the right angles by up to {1e3 * facts['executed']['overshoot_m']:.2f} mm**" in page
+    assert "Outside the right angles" not in run("paper")[0]
+
+
+def test_what_was_kept_before_a_corner_was_missed_is_no_verdict_on_the_whole(run: Callable[..., Any]) -> None:
+    page, _ = run("fault_servo_off")
+    assert "# Not reached: the place corner" in page
+    assert "# Deviation kept at what was reached, by 1.19 mm" in page
+
+
 @pytest.mark.parametrize(
     ("name", "headline", "word"),
     [

@@ -33,3 +33,12 @@ def test_values_are_inside_and_fill_a_third(low: float, length: float) -> None:
     assert bottom < low
     assert top > low + length
     assert length > 0.3 * (top - bottom)
+
+
+@pytest.mark.parametrize(("low", "high"), [(-0.8, 0.1525), (-190.0, 191.0), (0.0, 36.0)])
+def test_no_number_is_cut_off_at_the_end_of_the_axis(low: float, high: float) -> None:
+    bottom, top = labelled(low, high, 13)
+    step = 0.1 if high < 1.0 else 10.0 if low == 0.0 else 100.0
+    length = top - bottom
+    for number in (step * math.ceil(bottom / step), step * math.floor(top / step)):
+        assert bottom + 0.03 * length < number < top - 0.03 * length
