@@ -150,7 +150,7 @@ def plan(
     if not 1e-3 <= sample_ms < float("inf"):
         raise DeltaphError(f"--sample-ms is {sample_ms:g}: give a time of at least 0.001 ms")
     case = load_scenario(scenario)
-    check_writable(csv, plot, json_file)
+    check_writable(csv, json_file, binary=[plot], inputs=[scenario])
     run = schedule(case)
     if plot is not None:
         from deltaph.plot import draw_plan, image_formats
@@ -263,7 +263,7 @@ def run(
         )
     if not realtime and (priority or cpu is not None):
         raise DeltaphError("--realtime-priority and --cpu are for the real-time loop: add --realtime")
-    check_writable(record, json_file, csv)
+    check_writable(json_file, csv, binary=[record], inputs=[scenario, zenoh_config])
     options = Options(
         record=record,
         realtime=Undisturbed(priority, cpu) if realtime else None,
@@ -306,7 +306,7 @@ def record(
     """
     from deltaph.record import record_cell
 
-    check_writable(output)
+    check_writable(binary=[output], inputs=[zenoh_config])
     record_cell(cell, tuple(connect or ()), output, Console(stderr=True), zenoh_config)
 
 
@@ -329,7 +329,7 @@ def _send(
     from deltaph.telemetry import CommandClient
     from deltaph.telemetry.commands import sentence
 
-    check_writable(json_file)
+    check_writable(json_file, inputs=[zenoh_config])
     try:
         with CommandClient(cell, tuple(connect or ()), CONNECT_TIMEOUT, zenoh_config) as client:
             reply = send(client)
@@ -492,7 +492,7 @@ def compare(
     from deltaph.compare import compare as compare_recordings
     from deltaph.compare import print_comparison
 
-    check_writable(json_file)
+    check_writable(json_file, binary=[output], inputs=[first, second])
     facts = compare_recordings(first, second, output)
     _write_json(json_file, facts)
     print_comparison(_tables(json_file), facts)
@@ -522,7 +522,7 @@ def export(
 
     if csv is None and parquet is None:
         raise DeltaphError("nothing to write: give --csv FILE, --parquet FILE or both")
-    check_writable(csv, parquet)
+    check_writable(csv, binary=[parquet], inputs=[file])
     write(columns_of(file, entity), csv, parquet)
 
 
@@ -538,7 +538,7 @@ def paper(
     from deltaph.claims import print_claims
     from deltaph.paper import section_4
 
-    check_writable(output, json_file)
+    check_writable(json_file, binary=[output])
     with Console(stderr=True).status("planning and co-simulating both methods"):
         facts = section_4(output)
     _write_json(json_file, facts)

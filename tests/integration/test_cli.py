@@ -213,6 +213,44 @@ def test_an_output_that_is_no_regular_file_is_left_alone(tmp_path: Path) -> None
     assert json.loads((tmp_path / "real.json").read_text())["law"] == "paper"
 
 
+def test_what_is_read_is_never_written(tmp_path: Path) -> None:
+    (tmp_path / "case.toml").write_text(template())
+    (tmp_path / "link.toml").symlink_to("case.toml")
+    assert deltaph("run", "case.toml", "--no-telemetry", "--record", "case.rrd", cwd=tmp_path).returncode == 0
+    before = (tmp_path / "case.rrd").read_bytes()
+    for arguments in (
+        ("plan", "case.toml", "--csv", "case.toml"),
+        ("plan", "link.toml", "--json", "case.toml"),
+        ("run", "case.toml", "--record", "link.toml"),
+        ("export", "case.rrd", "--csv", "case.rrd"),
+        ("compare", "case.rrd", "-o", "new.rrd", "--json", "case.rrd"),
+    ):
+        assert_refused(deltaph(*arguments, cwd=tmp_path), 2, arguments[-1], "it is what is read")
+    assert (tmp_path / "case.toml").read_text() == template()
+    assert (tmp_path / "case.rrd").read_bytes() == before
+    assert not (tmp_path / "new.rrd").exists()
+
+
+def test_only_text_goes_to_standard_output(tmp_path: Path) -> None:
+    for arguments in (
+        ("plan", PAPER, "--plot", "-"),
+        ("run", PAPER, "--record", "-"),
+        ("record", "-o", "-"),
+        ("paper", "-o", "-"),
+        ("compare", "a.rrd", "-o", "-"),
+        ("export", "a.rrd", "--parquet", "-"),
+    ):
+        assert_refused(deltaph(*arguments, cwd=tmp_path), 2, "cannot write -: only text")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_links_that_lead_nowhere_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "loop.json").symlink_to("loop.json")
+    (tmp_path / "far.json").symlink_to("nowhere/plan.json")
+    assert_refused(deltaph("plan", PAPER, "--json", "loop.json", cwd=tmp_path), 2, "a link that leads nowhere")
+    assert_refused(deltaph("plan", PAPER, "--json", "far.json", cwd=tmp_path), 2, "there is no directory", "nowhere")
+
+
 @pytest.mark.parametrize(
     ("old", "new"),
     [
