@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -52,17 +53,9 @@ PriorityOption = Annotated[
 ]
 
 
-class _Console(Console):
-    """Where the reader of a pipe may go: rich would end with the code of a missed expectation."""
-
-    def on_broken_pipe(self) -> None:
-        """What `main` knows."""
-        raise BrokenPipeError
-
-
 def _tables(*outputs: Path | None) -> Console:
     """Where tables go: not to standard output when data goes there."""
-    return _Console(stderr=STDOUT in outputs, highlight=False)
+    return Console(stderr=STDOUT in outputs, highlight=False)
 
 
 def _write_json(path: Path | None, facts: dict[str, Any]) -> None:
@@ -597,32 +590,50 @@ def main() -> None:
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is signal.SIG_DFL:  # nohup's wish to ignore one is kept
             signal.signal(number, signal.default_int_handler)  # end as Ctrl-C does: with a readable recording
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by who started us; a file that is opened must not get its number
+            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115, it stays open
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
+    code = 2
     try:
-        code = app(standalone_mode=False) or 0
-        if code == INTERRUPTED:  # typer makes this of Ctrl-C
-            _fail("interrupted", code)
-        sys.stdout.flush()
-    except InfeasibleError as error:
-        code = _fail(f"infeasible: {error}", error.exit_code)
-    except DeltaphError as error:
-        code = _fail(f"error: {error}", error.exit_code)
-    except UsageError as error:
-        message = error.format_message().strip()  # empty where the help has been shown instead
-        code = _fail(f"usage: {message}", 2) if message else 2
-    except BrokenPipeError:
-        sys.stderr.close()  # the reader of our output has gone, and nobody is left to tell
-        code = 2
-    except OSError as error:
-        where = f" {error.filename}" if error.filename else ""
-        code = _fail(f"error: the system refuses{where}: {error.strerror or error}", 2)
-    except (KeyboardInterrupt, typer.Abort):
-        code = _fail("interrupted", INTERRUPTED)
+        code, line = _outcome()
+        if line:
+            print("deltaph: " + " ".join(line.split()), file=sys.stderr, flush=True)
+    except BrokenPipeError:  # the reader of our output has gone, and nobody is left to tell, nor when Python flushes at its end
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        for stream in (sys.__stdout__, sys.__stderr__):
+            if stream is not None:
+                os.dup2(nowhere, stream.fileno())
     sys.exit(code)
 
 
-def _fail(line: str, code: int) -> int:
-    print("deltaph: " + " ".join(line.split()), file=sys.stderr)
-    return code
+def _outcome() -> tuple[int, str]:
+    """Do what the arguments say; the exit code, and what is to be said of a failure.
+
+    Raises:
+        BrokenPipeError: who reads standard output or standard error has gone.
+    """
+    try:
+        code = app(standalone_mode=False) or 0
+        sys.stdout.flush()
+    except InfeasibleError as error:
+        return error.exit_code, f"infeasible: {error}"
+    except DeltaphError as error:
+        return error.exit_code, f"error: {error}"
+    except UsageError as error:
+        message = error.format_message().strip()  # empty where the help has been shown instead
+        return 2, f"usage: {message}" if message else ""
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        where = f" {error.filename}" if error.filename else ""
+        return 2, f"error: the system refuses{where}: {error.strerror or error}"
+    except (KeyboardInterrupt, typer.Abort):
+        return INTERRUPTED, "interrupted"
+    except SystemExit as end:
+        if isinstance(end.__context__, BrokenPipeError):  # typer and rich answer it with the code of a missed expectation
+            raise end.__context__ from None
+        raise
+    return code, "interrupted" if code == INTERRUPTED else ""  # typer makes the code of Ctrl-C

@@ -134,6 +134,40 @@ def test_dash_is_standard_output_and_tables_go_elsewhere(tmp_path: Path) -> None
     assert "corner deviation" in result.stderr
 
 
+def test_a_reader_that_goes_is_exit_code_2_and_no_more(tmp_path: Path) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        for arguments in (("plan", PAPER), ("plan", "--help"), ("schema",), ("init", "-"), ("build",), ("plan", "none.toml")):
+            command = [DELTAPH, *arguments]
+            alone = subprocess.run(command, cwd=tmp_path, stdout=writer, stderr=subprocess.PIPE, timeout=120, check=False)
+            assert alone.returncode == 2, arguments
+            assert alone.stderr.count(b"\n") == (1 if "none.toml" in arguments else 0), alone.stderr
+            both = subprocess.run(command, cwd=tmp_path, stdout=writer, stderr=writer, timeout=120, check=False)
+            assert both.returncode == 2, arguments
+        csv_and_table = [DELTAPH, "plan", PAPER, "--csv", "-"]  # more than a buffer holds, so that a write fails, and not the end
+        assert subprocess.run(csv_and_table, stdout=writer, stderr=subprocess.PIPE, timeout=120, check=False).returncode == 2
+    finally:
+        os.close(writer)
+
+
+def test_closed_streams_are_nobody_that_listens(tmp_path: Path) -> None:
+    for closed in (">&-", "2>&-", ">&- 2>&-"):
+        for arguments, code in ((f"plan {PAPER} --json plan.json", 0), ("plan none.toml", 2)):
+            command = ["sh", "-c", f"exec {DELTAPH} {arguments} {closed}"]
+            result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
+            assert result.returncode == code, (closed, arguments)
+            assert "Traceback" not in result.stderr
+            assert code == 0 or result.stdout == "", "an error is not a result"
+        assert json.loads((tmp_path / "plan.json").read_text())["law"] == "paper"
+
+
+def test_interrupt_while_modules_are_imported_leaves_no_traceback(tmp_path: Path) -> None:
+    (tmp_path / "typer.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
+    result = deltaph("--version", cwd=tmp_path, env={"PYTHONPATH": str(tmp_path)})
+    assert (result.returncode, result.stdout, result.stderr) == (-signal.SIGINT, "", "")
+
+
 def test_infeasible_is_exit_code_3_with_the_numbers(tmp_path: Path) -> None:
     for command in ("plan", "run"):
         result = deltaph(command, SCENARIOS / "infeasible.toml", cwd=tmp_path)
