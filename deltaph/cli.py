@@ -384,6 +384,8 @@ def command_ppo(
 
     Example: deltaph command ppo --place 100,0,-800 --lift 50 --corner-deviation 6
     """
+    from pydantic import ValidationError
+
     from deltaph.telemetry import PpoRequest
 
     def either(option: str, text: str | None) -> Any:
@@ -398,7 +400,14 @@ def command_ppo(
         "payload": payload,
         "dwell": None if dwell is None else dwell / 1000.0,
     }
-    request = PpoRequest(**{name: value for name, value in given.items() if value is not None})
+    try:
+        request = PpoRequest(**{name: value for name, value in given.items() if value is not None})
+    except ValidationError as error:
+        # what may be one value or a pair is found wrong twice, once for being the other
+        wrong = next(one for one in error.errors() if one["type"] not in ("float_type", "tuple_type"))
+        said = {"lift": lift, "corner_deviation": corner_deviation, "payload": payload, "dwell": dwell}[str(wrong["loc"][0])]
+        option, message = str(wrong["loc"][0]).replace("_", "-"), wrong["msg"][0].lower() + wrong["msg"][1:]
+        raise DeltaphError(f"--{option} is {said}: {message}") from error
     _send(lambda client: client.ppo(request), connect, cell, zenoh_config, json_file)
 
 

@@ -227,6 +227,11 @@ def test_bad_scenarios(tmp_path: Path, old: str, new: str, code: int, words: lis
         (["view"], ["FILE.rrd", "--live"]),
         (["view", "none.rrd", "--live"], ["FILE.rrd", "--live"]),
         (["view", "none.rrd", "--url", "rerun+http://127.0.0.1:9876/proxy"], ["--url", "add --live"]),
+        (["command", "ppo", "--place", "1,2"], ["--place is '1,2'", "3 lengths in mm"]),
+        (["command", "ppo", "--place", "0,0,-800", "--lift", "-5"], ["--lift is -5", "greater than or equal to 0"]),
+        (["command", "ppo", "--place", "0,0,-800", "--corner-deviation=6,-1"], ["--corner-deviation is 6,-1", "or equal to 0"]),
+        (["command", "ppo", "--place", "0,0,-800", "--dwell", "inf"], ["--dwell is inf", "finite"]),
+        (["command", "ppo", "--place", "0,0,-800", "--payload", "inf"], ["--payload is inf", "finite"]),
         (["fly"], ["No such command"]),
     ],
 )
