@@ -304,9 +304,19 @@ def test_values_beyond_any_robot_are_refused(tmp_path: Path, old: str, new: str)
     assert_refused(deltaph("plan", "wild.toml", cwd=tmp_path), 3, "is needed")
 
 
-def test_no_compiler(tmp_path: Path) -> None:
-    result = deltaph("run", PAPER, cwd=tmp_path, env={"PATH": str(tmp_path), "CC": "no-such-compiler"})
-    assert_refused(result, 2, "C compiler")
+def test_a_compiler_is_needed_once(tmp_path: Path) -> None:
+    cache = {"XDG_CACHE_HOME": str(tmp_path / "cache")}
+    without = cache | {"PATH": str(tmp_path), "CC": "no-such-compiler"}
+    assert_refused(deltaph("run", PAPER, "--no-telemetry", cwd=tmp_path, env=without), 2, "C compiler")
+    assert deltaph("run", PAPER, "--no-telemetry", cwd=tmp_path, env=cache).returncode == 0
+    result = deltaph("run", PAPER, "--no-telemetry", cwd=tmp_path, env=without)
+    assert result.returncode == 0, result.stderr
+
+
+def test_a_cache_that_cannot_be_written_is_refused_with_the_way_out(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    result = deltaph("run", PAPER, "--no-telemetry", cwd=tmp_path, env={"XDG_CACHE_HOME": str(tmp_path / "file")})
+    assert_refused(result, 2, "cannot create the directory", "set XDG_CACHE_HOME")
 
 
 def test_endpoint_in_use(tmp_path: Path) -> None:
