@@ -297,6 +297,7 @@ def test_links_that_lead_nowhere_are_refused(tmp_path: Path) -> None:
         ("traverse_speed_m_s = 2.4", "traverse_speed_m_s = 1e17"),
         ("corner_deviation_mm = 6.0 ", "corner_deviation_mm = 1e-15 "),
         ("lift_mm = 50.0 ", "lift_mm = 1e30 "),
+        ("[payload]", "[robot]\nforearm_mm = 1e300\n[payload]"),
     ],
 )
 def test_values_beyond_any_robot_are_refused(tmp_path: Path, old: str, new: str) -> None:
