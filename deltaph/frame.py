@@ -97,18 +97,15 @@ class ListSink:
 _MODELS: tuple[Model, ...] = ("planner", "plant")
 
 
+Outputs = tuple[NDArray[np.float64], NDArray[np.int32]]
+"""Of an FMU at a communication point: Float64 and others, in table order."""
+
+
 class FrameStore(Protocol):
     """Where the importer keeps frames."""
 
-    def append(
-        self,
-        time: float,
-        unix_time_ns: int,
-        planner: tuple[NDArray[np.float64], NDArray[np.int32]],
-        plant: tuple[NDArray[np.float64], NDArray[np.int32]],
-        timing: Sequence[float],
-    ) -> Frame:
-        """Copy the outputs of both FMUs, Float64 and others, into the next row; returns the frame that shows it."""
+    def append(self, time: float, unix_time_ns: int, planner: Outputs, plant: Outputs, timing: Sequence[float]) -> Frame:
+        """Copy the outputs of both FMUs into the next row; returns the frame that shows it."""
         ...
 
 
@@ -140,12 +137,12 @@ class Frames(Sequence[Frame]):
         self,
         time: float,
         unix_time_ns: int,
-        planner: tuple[NDArray[np.float64], NDArray[np.int32]],
-        plant: tuple[NDArray[np.float64], NDArray[np.int32]],
+        planner: Outputs,
+        plant: Outputs,
         timing: Sequence[float],
         commands: NDArray[np.int32] = NO_COMMANDS,
     ) -> Frame:
-        """Copy the outputs of both FMUs, Float64 and others, into the next row; returns the frame that shows it."""
+        """Copy the outputs of both FMUs into the next row; returns the frame that shows it."""
         n = self._length
         arrays = self._arrays
         arrays["planner_floats"][n], arrays["planner_integers"][n] = planner
@@ -198,15 +195,8 @@ class RecentFrames:
         self._block = Frames(BLOCK_FRAMES)
         self._next = 0
 
-    def append(
-        self,
-        time: float,
-        unix_time_ns: int,
-        planner: tuple[NDArray[np.float64], NDArray[np.int32]],
-        plant: tuple[NDArray[np.float64], NDArray[np.int32]],
-        timing: Sequence[float],
-    ) -> Frame:
-        """Copy the outputs of both FMUs, Float64 and others, into the next row; returns the frame that shows it."""
+    def append(self, time: float, unix_time_ns: int, planner: Outputs, plant: Outputs, timing: Sequence[float]) -> Frame:
+        """Copy the outputs of both FMUs into the next row; returns the frame that shows it."""
         if len(self._block) == BLOCK_FRAMES:
             self._block = Frames(BLOCK_FRAMES, self._next)
         self._next += 1
