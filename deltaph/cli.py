@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -52,17 +53,9 @@ PriorityOption = Annotated[
 ]
 
 
-class _Console(Console):
-    """Where the reader of a pipe may go: rich would end with the code of a missed expectation."""
-
-    def on_broken_pipe(self) -> None:
-        """What `main` knows."""
-        raise BrokenPipeError
-
-
 def _tables(*outputs: Path | None) -> Console:
     """Where tables go: not to standard output when data goes there."""
-    return _Console(stderr=STDOUT in outputs, highlight=False)
+    return Console(stderr=STDOUT in outputs, highlight=False)
 
 
 def _write_json(path: Path | None, facts: dict[str, Any]) -> None:
@@ -150,7 +143,7 @@ def plan(
     if not 1e-3 <= sample_ms < float("inf"):
         raise DeltaphError(f"--sample-ms is {sample_ms:g}: give a time of at least 0.001 ms")
     case = load_scenario(scenario)
-    check_writable(csv, plot, json_file)
+    check_writable(csv, json_file, binary=[plot], inputs=[scenario])
     run = schedule(case)
     if plot is not None:
         from deltaph.plot import draw_plan, image_formats
@@ -263,7 +256,7 @@ def run(
         )
     if not realtime and (priority or cpu is not None):
         raise DeltaphError("--realtime-priority and --cpu are for the real-time loop: add --realtime")
-    check_writable(record, json_file, csv)
+    check_writable(json_file, csv, binary=[record], inputs=[scenario, zenoh_config])
     options = Options(
         record=record,
         realtime=Undisturbed(priority, cpu) if realtime else None,
@@ -306,7 +299,7 @@ def record(
     """
     from deltaph.record import record_cell
 
-    check_writable(output)
+    check_writable(binary=[output], inputs=[zenoh_config])
     record_cell(cell, tuple(connect or ()), output, Console(stderr=True), zenoh_config)
 
 
@@ -329,7 +322,7 @@ def _send(
     from deltaph.telemetry import CommandClient
     from deltaph.telemetry.commands import sentence
 
-    check_writable(json_file)
+    check_writable(json_file, inputs=[zenoh_config])
     try:
         with CommandClient(cell, tuple(connect or ()), CONNECT_TIMEOUT, zenoh_config) as client:
             reply = send(client)
@@ -391,6 +384,8 @@ def command_ppo(
 
     Example: deltaph command ppo --place 100,0,-800 --lift 50 --corner-deviation 6
     """
+    from pydantic import ValidationError
+
     from deltaph.telemetry import PpoRequest
 
     def either(option: str, text: str | None) -> Any:
@@ -405,7 +400,14 @@ def command_ppo(
         "payload": payload,
         "dwell": None if dwell is None else dwell / 1000.0,
     }
-    request = PpoRequest(**{name: value for name, value in given.items() if value is not None})
+    try:
+        request = PpoRequest(**{name: value for name, value in given.items() if value is not None})
+    except ValidationError as error:
+        # what may be one value or a pair is found wrong twice, once for being the other
+        wrong = next(one for one in error.errors() if one["type"] not in ("float_type", "tuple_type"))
+        said = {"lift": lift, "corner_deviation": corner_deviation, "payload": payload, "dwell": dwell}[str(wrong["loc"][0])]
+        option, message = str(wrong["loc"][0]).replace("_", "-"), wrong["msg"][0].lower() + wrong["msg"][1:]
+        raise DeltaphError(f"--{option} is {said}: {message}") from error
     _send(lambda client: client.ppo(request), connect, cell, zenoh_config, json_file)
 
 
@@ -492,7 +494,7 @@ def compare(
     from deltaph.compare import compare as compare_recordings
     from deltaph.compare import print_comparison
 
-    check_writable(json_file)
+    check_writable(json_file, binary=[output], inputs=[first, second])
     facts = compare_recordings(first, second, output)
     _write_json(json_file, facts)
     print_comparison(_tables(json_file), facts)
@@ -522,7 +524,7 @@ def export(
 
     if csv is None and parquet is None:
         raise DeltaphError("nothing to write: give --csv FILE, --parquet FILE or both")
-    check_writable(csv, parquet)
+    check_writable(csv, binary=[parquet], inputs=[file])
     write(columns_of(file, entity), csv, parquet)
 
 
@@ -538,7 +540,7 @@ def paper(
     from deltaph.claims import print_claims
     from deltaph.paper import section_4
 
-    check_writable(output, json_file)
+    check_writable(json_file, binary=[output])
     with Console(stderr=True).status("planning and co-simulating both methods"):
         facts = section_4(output)
     _write_json(json_file, facts)
@@ -597,32 +599,50 @@ def main() -> None:
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is signal.SIG_DFL:  # nohup's wish to ignore one is kept
             signal.signal(number, signal.default_int_handler)  # end as Ctrl-C does: with a readable recording
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by who started us; a file that is opened must not get its number
+            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115, it stays open
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
+    code = 2
     try:
-        code = app(standalone_mode=False) or 0
-        if code == INTERRUPTED:  # typer makes this of Ctrl-C
-            _fail("interrupted", code)
-        sys.stdout.flush()
-    except InfeasibleError as error:
-        code = _fail(f"infeasible: {error}", error.exit_code)
-    except DeltaphError as error:
-        code = _fail(f"error: {error}", error.exit_code)
-    except UsageError as error:
-        message = error.format_message().strip()  # empty where the help has been shown instead
-        code = _fail(f"usage: {message}", 2) if message else 2
-    except BrokenPipeError:
-        sys.stderr.close()  # the reader of our output has gone, and nobody is left to tell
-        code = 2
-    except OSError as error:
-        where = f" {error.filename}" if error.filename else ""
-        code = _fail(f"error: the system refuses{where}: {error.strerror or error}", 2)
-    except (KeyboardInterrupt, typer.Abort):
-        code = _fail("interrupted", INTERRUPTED)
+        code, line = _outcome()
+        if line:
+            print("deltaph: " + " ".join(line.split()), file=sys.stderr, flush=True)
+    except BrokenPipeError:  # the reader of our output has gone, and nobody is left to tell, nor when Python flushes at its end
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        for stream in (sys.__stdout__, sys.__stderr__):
+            if stream is not None:
+                os.dup2(nowhere, stream.fileno())
     sys.exit(code)
 
 
-def _fail(line: str, code: int) -> int:
-    print("deltaph: " + " ".join(line.split()), file=sys.stderr)
-    return code
+def _outcome() -> tuple[int, str]:
+    """Do what the arguments say; the exit code, and what is to be said of a failure.
+
+    Raises:
+        BrokenPipeError: who reads standard output or standard error has gone.
+    """
+    try:
+        code = app(standalone_mode=False) or 0
+        sys.stdout.flush()
+    except InfeasibleError as error:
+        return error.exit_code, f"infeasible: {error}"
+    except DeltaphError as error:
+        return error.exit_code, f"error: {error}"
+    except UsageError as error:
+        message = error.format_message().strip()  # empty where the help has been shown instead
+        return 2, f"usage: {message}" if message else ""
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        where = f" {error.filename}" if error.filename else ""
+        return 2, f"error: the system refuses{where}: {error.strerror or error}"
+    except (KeyboardInterrupt, typer.Abort):
+        return INTERRUPTED, "interrupted"
+    except SystemExit as end:
+        if isinstance(end.__context__, BrokenPipeError):  # typer and rich answer it with the code of a missed expectation
+            raise end.__context__ from None
+        raise
+    return code, "interrupted" if code == INTERRUPTED else ""  # typer makes the code of Ctrl-C

@@ -14,7 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from deltaph.errors import EnvironmentProblem
-from deltaph.files import check_writable, replace
+from deltaph.files import replace
 from deltaph.report import corner_excess
 from deltaph.scenario import Scenario, scenario_from_json
 from deltaph.scene import corner_marks, scene_of
@@ -45,9 +45,6 @@ def compare(first: Path, second: Path | None, output: Path) -> dict[str, Any]:
     Raises:
         DeltaphError: one is no recording of deltaph, or the output cannot be written.
     """
-    check_writable(output)
-    if output.exists() and any(path is not None and path.exists() and output.samefile(path) for path in (first, second)):
-        raise EnvironmentProblem(f"{output} is one of the recordings: name another file with -o")
     readings = [Reading(path) for path in (first, second or first)]
     for reading in readings:
         if "commands" in (reading.summary or {}):

@@ -28,10 +28,10 @@ class FeedClock:
         time, clock = [0.0], [0.0]
         for (_, rate), (end, _) in pairwise([(0, 1.0), *changes, (math.inf, 1.0)]):
             self._rate = rate
-            while time[-1] < end and not (settled := lib.feed_is_settled(filtered, rate)):
+            while time[-1] < end and not lib.feed_is_settled(filtered, rate):
                 time.append(time[-1] + 1.0)
                 clock.append(clock[-1] + 1000.0 * lib.feed_step(filtered, rate))
-            if settled and time[-1] < end < math.inf:
+            if time[-1] < end < math.inf:
                 clock.append(clock[-1] + rate * (end - time[-1]))
                 time.append(float(end))
         self._time, self._clock = np.array(time), np.array(clock)

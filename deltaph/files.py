@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import IO
 
@@ -15,26 +15,46 @@ STDOUT = Path("-")
 """`-` as an output file means standard output."""
 
 
-def check_writable(*paths: Path | None) -> None:
+def check_writable(*texts: Path | None, binary: Sequence[Path | None] = (), inputs: Sequence[Path | None] = ()) -> None:
     """Refuse output files that cannot be written, before anything is computed for them.
+
+    Args:
+        texts: files to write, of which one may be standard output.
+        binary: files to write that are no text.
+        inputs: files that are read, and must not be overwritten.
 
     Raises:
         EnvironmentProblem: naming the file and the reason.
     """
-    named = [path for path in paths if path is not None]
-    for path in named:
-        if named.count(path) > 1:
-            raise EnvironmentProblem(f"cannot write two outputs to {path}: give each its own file")
-        if path == STDOUT:
+    targets: list[Path] = []
+    for path in (*texts, *binary):
+        if path is None:
             continue
-        if path.is_dir():
-            raise EnvironmentProblem(f"cannot write {path}: it is a directory, name a file in it")
-        if path.exists() and not path.is_file():
-            raise EnvironmentProblem(f"cannot write {path}: it is not a regular file; - is standard output")
-        if not path.parent.is_dir():
-            raise EnvironmentProblem(f"cannot write {path}: there is no directory {path.parent}")
-        if not os.access(path if path.exists() else path.parent, os.W_OK):
-            raise EnvironmentProblem(f"cannot write {path}: permission denied")
+        target = path if path == STDOUT else Path(os.path.realpath(path))
+        if target in targets:
+            raise EnvironmentProblem(f"cannot write two outputs to {path}: give each its own file")
+        targets.append(target)
+        if path != STDOUT:
+            _check_target(path, target, [one for one in inputs if one is not None])
+        elif path in binary:
+            raise EnvironmentProblem(f"cannot write {path}: only text goes to standard output, name a file")
+
+
+def _check_target(path: Path, target: Path, inputs: Sequence[Path]) -> None:
+    """Refuse an output file that, with all links followed, is not one to write."""
+    if target.is_dir():
+        raise EnvironmentProblem(f"cannot write {path}: it is a directory, name a file in it")
+    if target.is_symlink():
+        raise EnvironmentProblem(f"cannot write {path}: it is a link that leads nowhere")
+    if target.exists() and not target.is_file():
+        raise EnvironmentProblem(f"cannot write {path}: it is not a regular file; - is standard output")
+    if not target.parent.is_dir():
+        directory = target.parent if path.is_symlink() else path.parent
+        raise EnvironmentProblem(f"cannot write {path}: there is no directory {directory}")
+    if not os.access(target if target.exists() else target.parent, os.W_OK):
+        raise EnvironmentProblem(f"cannot write {path}: permission denied")
+    if target.exists() and any(one.exists() and target.samefile(one) for one in inputs):
+        raise EnvironmentProblem(f"cannot write {path}: it is what is read, name another file")
 
 
 def write_text(path: Path, write: Callable[[IO[str]], object]) -> None:
@@ -63,7 +83,7 @@ def replace(path: Path, produce: Callable[[Path], object]) -> None:
         EnvironmentProblem: the file cannot be written; nothing is left behind.
     """
     try:
-        path = path.resolve()
+        path = Path(os.path.realpath(path))
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
         os.close(handle)
         temporary = Path(name)

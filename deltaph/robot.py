@@ -65,17 +65,19 @@ class Robot:
             ScenarioError: an inertia is not positive definite, the arms cannot span base and platform, or the joint range is empty.
         """
         value = {name.removeprefix("robot."): parameter for name, parameter in self.parameters.items()}
-        least = value["upper_arm_mass"] * value["upper_arm_com"] ** 2  # parallel axes: the rest is the inertia about its centre
+        # parallel axes: the rest is the inertia about its centre. Products, since a power raises beyond 1e154 m.
+        least = value["upper_arm_mass"] * value["upper_arm_com"] * value["upper_arm_com"]
         if value["upper_arm_inertia"] < least:
             raise ScenarioError(
                 f"robot.upper_arm_inertia_kg_m2 is {value['upper_arm_inertia']:.6g}: an arm of {value['upper_arm_mass']:g} kg with "
                 f"its centre {1e3 * value['upper_arm_com']:g} mm from the shoulder has at least {least:.6g} kg m2"
             )
         mass, length, inertia = value["forearm_mass"], value["forearm_length"], value["forearm_inertia"]
-        if inertia > mass * length**2 / 4.0:  # all mass at the ends
+        most = mass * length * length / 4.0  # all mass at the ends
+        if inertia > most:
             raise ScenarioError(
                 f"robot.forearm_inertia_kg_m2 is {inertia:.6g}: rods of {mass:g} kg and {1e3 * length:g} mm have at most "
-                f"{mass * length**2 / 4.0:.6g} kg m2"
+                f"{most:.6g} kg m2"
             )
         reach, span = value["upper_arm_length"] + value["forearm_length"], abs(value["base_radius"] - value["platform_radius"])
         if reach <= span:

@@ -377,10 +377,7 @@ def _parse(document: Mapping[str, Any], path: Path, sha256: str) -> Scenario:
     try:
         file = ScenarioFile.model_validate(document)
     except ValidationError as error:
-        # A misspelt key is reported as one unknown and one missing: the first of the two says more.
-        errors = sorted(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
-        more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
-        raise ScenarioError(f"{path}: {sentence(errors[0])}{more}") from error
+        raise ScenarioError(f"{path}: {sentence(error)}") from error
 
     named, its_drive = named_robot(file.robot.name)
     try:

@@ -6,7 +6,7 @@ import tomllib
 from typing import Annotated, Any, Literal, Self
 
 from annotated_types import Ge, Gt, Le, MinLen
-from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, model_validator
 
 from deltaph.sources import ROBOTS
 from deltaph.variables import variable_table
@@ -30,10 +30,13 @@ _TRIPS = variable_table("plant").items("Trip")
 _ROBOTS = ("default", *sorted(path.stem for path in ROBOTS.glob("*.toml")))
 
 
-def _one_of(value: str, choices: tuple[str, ...]) -> str:
-    if value not in choices:
-        raise ValueError(f"{value!r} is not one of {', '.join(choices)}")
-    return value
+def _one_of(*choices: str) -> AfterValidator:
+    def check(value: str) -> str:
+        if value not in choices:
+            raise ValueError(f"{value!r} is not one of {', '.join(choices)}")
+        return value
+
+    return AfterValidator(check)
 
 
 class Section(BaseModel):
@@ -45,7 +48,9 @@ class Section(BaseModel):
 class RobotSection(Section):
     """The robot; what is absent keeps the value of the named robot."""
 
-    name: str = Field("default", description="named robot to start from", json_schema_extra={"enum": list(_ROBOTS)})
+    name: Annotated[str, _one_of(*_ROBOTS)] = Field(
+        "default", description="named robot to start from", json_schema_extra={"enum": list(_ROBOTS)}
+    )
     base_radius_mm: Positive | None = Field(None, description="shoulder axes to the vertical axis of the base")
     platform_radius_mm: NonNegative | None = Field(None, description="forearm joints to the vertical axis of the platform")
     upper_arm_mm: Positive | None = Field(None, description="shoulder axis to elbow")
@@ -60,14 +65,18 @@ class RobotSection(Section):
     joint_position_min_deg: float | None = Field(None, description="from horizontal, positive downwards")
     joint_position_max_deg: float | None = None
 
-    @model_validator(mode="after")
-    def _name(self) -> Self:
-        _one_of(self.name, _ROBOTS)
-        return self
-
 
 class TaskSection(Section):
     """What to do: up, across, down. With `[sequence]`: what its parts have that do not say otherwise."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "oneOf": [
+                {"required": ["lift_mm"], "not": {"anyOf": [{"required": ["lift_pick_mm"]}, {"required": ["lift_place_mm"]}]}},
+                {"required": ["lift_pick_mm", "lift_place_mm"], "not": {"required": ["lift_mm"]}},
+            ]
+        }
+    )
 
     pick_mm: Point | None = Field(
         None,
@@ -95,6 +104,12 @@ class TaskSection(Section):
 
 class PartSection(Section):
     """A part of a sequence: what is different from `[task]`, `[payload]` and `[sequence]`."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "not": {"required": ["lift_mm"], "anyOf": [{"required": ["lift_pick_mm"]}, {"required": ["lift_place_mm"]}]}
+        }
+    )
 
     pick_mm: Point | None = None
     place_mm: Point | None = None
@@ -126,18 +141,13 @@ class SequenceSection(Section):
 class LawSection(Section):
     """The motion law and its speeds."""
 
-    name: str = Field("paper", description="motion law", json_schema_extra={"enum": list(_LAWS)})
+    name: Annotated[str, _one_of(*_LAWS)] = Field("paper", description="motion law", json_schema_extra={"enum": list(_LAWS)})
     corner_entry_speed_m_s: Positive = Field(1.2, description="V_B; comparison: greatest vertical speed")
     corner_mid_speed_m_s: Positive = Field(0.8, description="V_N; unused by comparison")
     traverse_speed_m_s: Positive = Field(2.4, description="V_max; comparison: greatest horizontal speed")
     overlap: float = Field(
         0.5, ge=0, le=1, description="comparison only: share of a vertical stroke's time that overlaps the horizontal stroke"
     )
-
-    @model_validator(mode="after")
-    def _name(self) -> Self:
-        _one_of(self.name, _LAWS)
-        return self
 
 
 class LimitsSection(Section):
@@ -160,7 +170,7 @@ class PayloadSection(Section):
 class DriveSection(Section):
     """The servo drives: a gain set, and single values that replace those of gain set and robot."""
 
-    gains: str = Field("tuned", description="named gain set", json_schema_extra={"enum": list(_GAINS)})
+    gains: Annotated[str, _one_of(*_GAINS)] = Field("tuned", description="named gain set", json_schema_extra={"enum": list(_GAINS)})
     gear_ratio: float | None = Field(None, ge=1, description="motor turns per joint turn")
     gear_efficiency: float | None = Field(None, ge=0.1, le=1)
     coulomb_friction_Nm: NonNegative | None = Field(None, description="at the motor")
@@ -177,11 +187,6 @@ class DriveSection(Section):
     integral_time_ms: Positive | None = None
     velocity_feedforward: Share | None = None
     torque_feedforward: Share | None = None
-
-    @model_validator(mode="after")
-    def _gains(self) -> Self:
-        _one_of(self.gains, _GAINS)
-        return self
 
 
 class TripSection(Section):
@@ -243,6 +248,13 @@ class RunSection(Section):
 class Expectation(Section):
     """A bound on a result: `equals` with a `tolerance`, or `min`, or `max`, or both."""
 
+    model_config = ConfigDict(
+        json_schema_extra={
+            "oneOf": [{"required": ["equals"]}, {"anyOf": [{"required": ["min"]}, {"required": ["max"]}]}],
+            "dependentRequired": {"tolerance": ["equals"]},
+        }
+    )
+
     equals: float | None = None
     tolerance: NonNegative = 0.0
     min: float | None = None
@@ -252,6 +264,10 @@ class Expectation(Section):
     def _bounds(self) -> Self:
         if (self.equals is None) == (self.min is None and self.max is None):
             raise ValueError("give either equals, with a tolerance, or min or max")
+        if self.equals is None and "tolerance" in self.model_fields_set:
+            raise ValueError("tolerance goes with equals: leave it out, or widen min and max")
+        if self.min is not None and self.max is not None and self.min > self.max:
+            raise ValueError(f"nothing is at least {self.min:g} and at most {self.max:g}")
         return self
 
     @property
@@ -282,17 +298,13 @@ class ExpectSection(Section):
     motor_torque_max_Nm: Expectation | None = None
     motor_torque_rms_Nm: Expectation | None = None
     motor_load_max: Expectation | None = Field(None, description="thermal load; 1 is that of the rated torque")
-    trip: str | None = Field(None, description="the plant trips for this reason", json_schema_extra={"enum": list(_TRIPS)})
+    trip: Annotated[str, _one_of(*_TRIPS)] | None = Field(
+        None, description="the plant trips for this reason", json_schema_extra={"enum": list(_TRIPS)}
+    )
     trip_axis: Expectation | None = None
-    refused: str | None = Field(None, description="the plan is refused for this reason", json_schema_extra={"enum": list(_STATUS)})
-
-    @model_validator(mode="after")
-    def _reasons(self) -> Self:
-        if self.refused is not None:
-            _one_of(self.refused, _STATUS)
-        if self.trip is not None:
-            _one_of(self.trip, _TRIPS)
-        return self
+    refused: Annotated[str, _one_of(*_STATUS)] | None = Field(
+        None, description="the plan is refused for this reason", json_schema_extra={"enum": list(_STATUS)}
+    )
 
 
 _POINTS_WITHOUT_SEQUENCE: dict[str, Any] = {

@@ -81,19 +81,22 @@ def _type_attributes(variable: Variable, table: VariableTable) -> dict[str, str 
     return attributes
 
 
+def _attributes(variable: Variable) -> dict[str, str | float | int | None]:
+    """What both versions say of a variable, whatever its type."""
+    return {
+        "name": variable.name,
+        "valueReference": variable.value_reference,
+        "description": variable.description,
+        "causality": variable.causality,
+        "variability": variable.variability,
+        "initial": "calculated" if variable.causality == "output" else None,
+    }
+
+
 def _variables_2(parent: ET.Element, table: VariableTable) -> None:
     tags = {"Float64": "Real", "Int32": "Integer", "Boolean": "Boolean"}
     for variable in table:
-        scalar = _add(
-            parent,
-            "ScalarVariable",
-            name=variable.name,
-            valueReference=variable.value_reference,
-            description=variable.description,
-            causality=variable.causality,
-            variability=variable.variability,
-            initial="calculated" if variable.causality == "output" else None,
-        )
+        scalar = _add(parent, "ScalarVariable", **_attributes(variable))
         _add(scalar, tags.get(variable.type, "Enumeration"), **_type_attributes(variable, table))
 
 
@@ -112,12 +115,7 @@ def _variables_3(parent: ET.Element, table: VariableTable) -> None:
         _add(
             parent,
             "Enumeration" if variable.type in table.enumerations else variable.type,
-            name=variable.name,
-            valueReference=variable.value_reference,
-            description=variable.description,
-            causality=variable.causality,
-            variability=variable.variability,
-            initial="calculated" if variable.causality == "output" else None,
+            **_attributes(variable),
             **_type_attributes(variable, table),
         )
 

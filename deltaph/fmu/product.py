@@ -14,7 +14,7 @@ from deltaph.files import replace
 from deltaph.fmu import package, ssp
 from deltaph.fmu.compile import FLAGS, compiler
 from deltaph.fmu.model_description import FmiVersion, model_description
-from deltaph.fmu.platforms import chosen
+from deltaph.fmu.platforms import chosen, host
 from deltaph.fmu.sources import token
 from deltaph.variables import MODELS, Model, variable_table
 
@@ -76,32 +76,52 @@ def build(directory: Path, fmi_versions: Collection[FmiVersion] = FMI_VERSIONS, 
     return written
 
 
-def _cache_key() -> str:
-    """Changes with everything the FMUs are made from: sources and tables by their token, and the compiler."""
-    command = compiler()
-    tool = Path(command[0]).resolve()
-    status = tool.stat()
-    digest = hashlib.sha256(repr((tool, *command[1:], status.st_size, status.st_mtime_ns, FLAGS)).encode())
+def _content_key() -> str:
+    """Changes with everything that the FMUs are made from but the compiler: sources and tables by their token."""
+    digest = hashlib.sha256(repr((host().name, FLAGS)).encode())
     for model in MODELS:
         digest.update(model_description(variable_table(model), 3, token(model, 3)))
     return digest.hexdigest()[:20]
+
+
+def _compiler_key(command: tuple[str, ...]) -> str:
+    tool = Path(command[0]).resolve()
+    status = tool.stat()
+    return hashlib.sha256(repr((tool, *command[1:], status.st_size, status.st_mtime_ns)).encode()).hexdigest()[:20]
+
+
+def _pair(folder: Path) -> dict[Model, Path]:
+    return {model: folder / package.file_name(model, 3) for model in MODELS}
+
+
+def _is_whole(paths: Mapping[Model, Path]) -> bool:
+    return all(is_zipfile(path) for path in paths.values())
 
 
 def cached_fmus() -> dict[Model, Path]:
     """The FMI 3.0 FMUs for this machine, built at most once per content and compiler.
 
     They lie in `$XDG_CACHE_HOME/deltaph` or `~/.cache/deltaph`. Processes that build at the same time do not disturb each other:
-    a file appears there as a whole, and all write the same bytes.
+    a file appears there as a whole, and all write the same bytes. Where there is no compiler any more, those of another one serve.
 
     Raises:
-        EnvironmentProblem: there is no compiler, it fails, or the cache cannot be written.
+        EnvironmentProblem: they are not there, and there is no compiler, it fails, or the cache cannot be written.
     """
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "deltaph"
-    folder = cache / _cache_key()
-    paths = {model: folder / package.file_name(model, 3) for model in MODELS}
-    if all(is_zipfile(path) for path in paths.values()):
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "deltaph" / _content_key()
+
+    try:
+        paths = _pair(cache / _compiler_key(compiler()))
+    except EnvironmentProblem:
+        made = [pair for folder in sorted(cache.glob("*")) if _is_whole(pair := _pair(folder))]
+        if not made:
+            raise
+        return made[0]
+    if _is_whole(paths):
         return paths
-    _make_directory(folder)
+    try:
+        _make_directory(paths["planner"].parent)
+    except EnvironmentProblem as error:
+        raise EnvironmentProblem(f"{error}: set XDG_CACHE_HOME to a directory that can be written") from error
     fmus = _compiled([(model, 3) for model in MODELS])
     for model, path in paths.items():
         _write(path, fmus[model, 3])

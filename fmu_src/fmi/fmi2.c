@@ -130,7 +130,8 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real currentCommunicationPoint, fmi2R
                       fmi2Boolean noSetFMUStatePriorToCurrentPoint)
 {
     BEGIN("fmi2DoStep", MAY_DO_STEP)
-    CALL(instance_do_step(self, currentCommunicationPoint, communicationStepSize));
+    /* A discarded step of FMI 2.0 is one that was done in part (4.2.2), and FMPy asks for the same again, for ever. */
+    CALL(instance_do_step(self, currentCommunicationPoint, communicationStepSize, STATUS_ERROR));
     END
 }
 

@@ -149,7 +149,7 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoi
     CALL(instance_expect_pointer(self, lastSuccessfulTime, "lastSuccessfulTime"));
     *eventHandlingNeeded = *terminateSimulation = *earlyReturn = fmi3False;
     *lastSuccessfulTime = instance_time(self);
-    CALL(instance_do_step(self, currentCommunicationPoint, communicationStepSize));
+    CALL(instance_do_step(self, currentCommunicationPoint, communicationStepSize, STATUS_DISCARD));
     *lastSuccessfulTime = instance_time(self);
     END
 }

@@ -222,7 +222,7 @@ double instance_time(const Instance *instance)
     return time_after(instance->now, instance->now->steps);
 }
 
-Status instance_do_step(Instance *instance, double point, double step)
+Status instance_do_step(Instance *instance, double point, double step, Status off_grid)
 {
     Snapshot *const now = instance->now;
     const double time = instance_time(instance);
@@ -237,8 +237,8 @@ Status instance_do_step(Instance *instance, double point, double step)
     }
     const double n = floor(step / MODEL_STEP + 0.5);
     if (!(n >= 1.0 && n <= (double)UINT32_MAX && fabs(step - n * MODEL_STEP) <= tolerance)) {
-        return instance_log(instance, STATUS_DISCARD, "expected a communication step that is a multiple of %g s but was %.15g s",
-                            MODEL_STEP, step);
+        return instance_log(instance, off_grid, "expected a communication step that is a multiple of %g s but was %.15g s", MODEL_STEP,
+                            step);
     }
     const uint64_t steps = now->steps + (uint64_t)n;
     if (time_after(now, steps) > now->stop_time + tolerance) {

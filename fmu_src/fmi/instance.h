@@ -93,8 +93,8 @@ Status instance_reset(Instance *instance);
 
 /* Time [s]: start + steps, never a sum. */
 double instance_time(const Instance *instance);
-/* Advance from `point` by `step` [s]. A step that is no whole number of milliseconds is discarded. */
-Status instance_do_step(Instance *instance, double point, double step);
+/* Advance from `point` by `step` [s]. A step that is no whole number of milliseconds is not done, and is answered with `off_grid`. */
+Status instance_do_step(Instance *instance, double point, double step, Status off_grid);
 
 /* Variables. First check, then act: instance_value and instance_assign trust what was checked.
  * Cost: a binary search per value reference. */

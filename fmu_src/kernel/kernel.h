@@ -363,7 +363,7 @@ void dph_plan_sample_at_rate(const dph_plan *plan, double time, const double rat
  * Given: point (3) [m], payload [kg]. Fails: as dph_inverse_kinematics; setpoint then keeps its value. */
 dph_verdict dph_rest(const dph_robot *robot, const double point[3], double payload, dph_setpoint *setpoint);
 
-/* Peaks of a plan. Cost: some thousand setpoints. */
+/* Peaks of a plan: a scan of every piece, refined. Limits: planner/README.md. Cost: some thousand setpoints. */
 void dph_plan_peaks(const dph_plan *plan, dph_peaks *peaks);
 
 #endif

@@ -135,6 +135,36 @@ static double slowness(double u, const void *context)
     return 1.0 / sqrt(value[0] * r * r * (1.0 + 2.0 * u) + value[1] * u * u * (3.0 - 2.0 * u) + slope[0] * u * r * r - slope[1] * u * u * r);
 }
 
+/* Is one Gauss quadrature enough from u = begin to end? Of a linear b the root is then half the interval away (quadrature.h); for a cubic,
+ * whose Bezier points are looked at, 7e-12 was the greatest relative error of 700,000 pieces of random plans. */
+static int is_even(const Cubic *cubic, double begin, double end)
+{
+    double first[3], last[3], third = (end - begin) / 3.0;
+    dph_hermite(cubic->value, cubic->slope, begin, first);
+    dph_hermite(cubic->value, cubic->slope, end, last);
+    double inner[2] = {first[0] + third * first[1], last[0] - third * last[1]};
+    double least = fmin(fmin(first[0], last[0]), fmin(inner[0], inner[1]));
+    double most = fmax(fmax(first[0], last[0]), fmax(inner[0], inner[1]));
+    return !(most > 3.0 * least);
+}
+
+/* Integral of slowness, in parts that shrink to where b almost vanishes, as behind a corner of micrometres. */
+static double time_between(const Cubic *cubic, double begin, double end)
+{
+    static const double shortest = 1e-9; /* b > 1e-14 of its scale (dph_is_positive): even over some 1e-7 */
+    double time = 0.0, to = end;
+    while (begin < end) {
+        if (to - begin > shortest && !is_even(cubic, begin, to)) {
+            to = 0.5 * (begin + to);
+            continue;
+        }
+        time += gauss_integral(slowness, cubic, begin, to);
+        begin = to;
+        to = end;
+    }
+    return time;
+}
+
 /* Integral of slowness over a piece on which b is quadratic, b'' = 2c: with r = sqrt(b0) + sqrt(b1) it is 2 artanh(sqrt(z)) / (r sqrt(z)),
  * z = c / r^2, real for either sign. Of its series 2/r (1 + z/3 + z^2/5 + ...) the first term that is left out is below 1e-17 for |z| < 1/16. */
 static double quadratic_integral(const Cubic *cubic)
@@ -143,7 +173,7 @@ static double quadratic_integral(const Cubic *cubic)
                                   1.0 / 15.0, 1.0 / 17.0, 1.0 / 19.0, 1.0 / 21.0, 1.0 / 23.0, 1.0 / 25.0};
     double r = sqrt(cubic->value[0]) + sqrt(cubic->value[1]), z = 0.5 * (cubic->slope[1] - cubic->slope[0]) / (r * r), sum = 0.0;
     if (!(fabs(z) < 1.0 / 16.0))
-        return gauss_integral(slowness, cubic, 0.0, 1.0);
+        return time_between(cubic, 0.0, 1.0);
     for (int k = (int)(sizeof term / sizeof *term) - 1; k >= 0; --k)
         sum = sum * z + term[k];
     return 2.0 * sum / r;
@@ -167,7 +197,7 @@ static void keep(const dph_workspace *w, double stretch, int is_quadratic, dph_p
         double width;
         Cubic cubic = cubic_of(plan, k, &width);
         plan->phase[k] = dph_segment_phase[w->segment[k]];
-        plan->boundary[k + 1] = plan->boundary[k] + width * (is_quadratic ? quadratic_integral(&cubic) : gauss_integral(slowness, &cubic, 0.0, 1.0));
+        plan->boundary[k + 1] = plan->boundary[k] + width * (is_quadratic ? quadratic_integral(&cubic) : time_between(&cubic, 0.0, 1.0));
     }
 }
 
@@ -342,8 +372,8 @@ void dph_time_optimal_at(const dph_plan *plan, int piece, double t, dph_planar *
     /* Newton's method on t(u), from the nearer end, within a shrinking bracket: t increases with u. A step below 1e-9 leaves an error of
      * about its square. */
     for (int i = 0; i < 60; ++i) {
-        double residual = t - begin < end - t ? begin + width * gauss_integral(slowness, &cubic, 0.0, u) - t
-                                              : end - width * gauss_integral(slowness, &cubic, u, 1.0) - t;
+        double residual = t - begin < end - t ? begin + width * time_between(&cubic, 0.0, u) - t
+                                              : end - width * time_between(&cubic, u, 1.0) - t;
         double step = -residual / (width * slowness(u, &cubic)), next = u + step;
         if (residual > 0.0)
             high = u;

@@ -134,6 +134,40 @@ def test_dash_is_standard_output_and_tables_go_elsewhere(tmp_path: Path) -> None
     assert "corner deviation" in result.stderr
 
 
+def test_a_reader_that_goes_is_exit_code_2_and_no_more(tmp_path: Path) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        for arguments in (("plan", PAPER), ("plan", "--help"), ("schema",), ("init", "-"), ("build",), ("plan", "none.toml")):
+            command = [DELTAPH, *arguments]
+            alone = subprocess.run(command, cwd=tmp_path, stdout=writer, stderr=subprocess.PIPE, timeout=120, check=False)
+            assert alone.returncode == 2, arguments
+            assert alone.stderr.count(b"\n") == (1 if "none.toml" in arguments else 0), alone.stderr
+            both = subprocess.run(command, cwd=tmp_path, stdout=writer, stderr=writer, timeout=120, check=False)
+            assert both.returncode == 2, arguments
+        csv_and_table = [DELTAPH, "plan", PAPER, "--csv", "-"]  # more than a buffer holds, so that a write fails, and not the end
+        assert subprocess.run(csv_and_table, stdout=writer, stderr=subprocess.PIPE, timeout=120, check=False).returncode == 2
+    finally:
+        os.close(writer)
+
+
+def test_closed_streams_are_nobody_that_listens(tmp_path: Path) -> None:
+    for closed in (">&-", "2>&-", ">&- 2>&-"):
+        for arguments, code in ((f"plan {PAPER} --json plan.json", 0), ("plan none.toml", 2)):
+            command = ["sh", "-c", f"exec {DELTAPH} {arguments} {closed}"]
+            result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
+            assert result.returncode == code, (closed, arguments)
+            assert "Traceback" not in result.stderr
+            assert code == 0 or result.stdout == "", "an error is not a result"
+        assert json.loads((tmp_path / "plan.json").read_text())["law"] == "paper"
+
+
+def test_interrupt_while_modules_are_imported_leaves_no_traceback(tmp_path: Path) -> None:
+    (tmp_path / "typer.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
+    result = deltaph("--version", cwd=tmp_path, env={"PYTHONPATH": str(tmp_path)})
+    assert (result.returncode, result.stdout, result.stderr) == (-signal.SIGINT, "", "")
+
+
 def test_infeasible_is_exit_code_3_with_the_numbers(tmp_path: Path) -> None:
     for command in ("plan", "run"):
         result = deltaph(command, SCENARIOS / "infeasible.toml", cwd=tmp_path)
@@ -193,6 +227,11 @@ def test_bad_scenarios(tmp_path: Path, old: str, new: str, code: int, words: lis
         (["view"], ["FILE.rrd", "--live"]),
         (["view", "none.rrd", "--live"], ["FILE.rrd", "--live"]),
         (["view", "none.rrd", "--url", "rerun+http://127.0.0.1:9876/proxy"], ["--url", "add --live"]),
+        (["command", "ppo", "--place", "1,2"], ["--place is '1,2'", "3 lengths in mm"]),
+        (["command", "ppo", "--place", "0,0,-800", "--lift", "-5"], ["--lift is -5", "greater than or equal to 0"]),
+        (["command", "ppo", "--place", "0,0,-800", "--corner-deviation=6,-1"], ["--corner-deviation is 6,-1", "or equal to 0"]),
+        (["command", "ppo", "--place", "0,0,-800", "--dwell", "inf"], ["--dwell is inf", "finite"]),
+        (["command", "ppo", "--place", "0,0,-800", "--payload", "inf"], ["--payload is inf", "finite"]),
         (["fly"], ["No such command"]),
     ],
 )
@@ -213,6 +252,44 @@ def test_an_output_that_is_no_regular_file_is_left_alone(tmp_path: Path) -> None
     assert json.loads((tmp_path / "real.json").read_text())["law"] == "paper"
 
 
+def test_what_is_read_is_never_written(tmp_path: Path) -> None:
+    (tmp_path / "case.toml").write_text(template())
+    (tmp_path / "link.toml").symlink_to("case.toml")
+    assert deltaph("run", "case.toml", "--no-telemetry", "--record", "case.rrd", cwd=tmp_path).returncode == 0
+    before = (tmp_path / "case.rrd").read_bytes()
+    for arguments in (
+        ("plan", "case.toml", "--csv", "case.toml"),
+        ("plan", "link.toml", "--json", "case.toml"),
+        ("run", "case.toml", "--record", "link.toml"),
+        ("export", "case.rrd", "--csv", "case.rrd"),
+        ("compare", "case.rrd", "-o", "new.rrd", "--json", "case.rrd"),
+    ):
+        assert_refused(deltaph(*arguments, cwd=tmp_path), 2, arguments[-1], "it is what is read")
+    assert (tmp_path / "case.toml").read_text() == template()
+    assert (tmp_path / "case.rrd").read_bytes() == before
+    assert not (tmp_path / "new.rrd").exists()
+
+
+def test_only_text_goes_to_standard_output(tmp_path: Path) -> None:
+    for arguments in (
+        ("plan", PAPER, "--plot", "-"),
+        ("run", PAPER, "--record", "-"),
+        ("record", "-o", "-"),
+        ("paper", "-o", "-"),
+        ("compare", "a.rrd", "-o", "-"),
+        ("export", "a.rrd", "--parquet", "-"),
+    ):
+        assert_refused(deltaph(*arguments, cwd=tmp_path), 2, "cannot write -: only text")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_links_that_lead_nowhere_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "loop.json").symlink_to("loop.json")
+    (tmp_path / "far.json").symlink_to("nowhere/plan.json")
+    assert_refused(deltaph("plan", PAPER, "--json", "loop.json", cwd=tmp_path), 2, "a link that leads nowhere")
+    assert_refused(deltaph("plan", PAPER, "--json", "far.json", cwd=tmp_path), 2, "there is no directory", "nowhere")
+
+
 @pytest.mark.parametrize(
     ("old", "new"),
     [
@@ -220,6 +297,7 @@ def test_an_output_that_is_no_regular_file_is_left_alone(tmp_path: Path) -> None
         ("traverse_speed_m_s = 2.4", "traverse_speed_m_s = 1e17"),
         ("corner_deviation_mm = 6.0 ", "corner_deviation_mm = 1e-15 "),
         ("lift_mm = 50.0 ", "lift_mm = 1e30 "),
+        ("[payload]", "[robot]\nforearm_mm = 1e300\n[payload]"),
     ],
 )
 def test_values_beyond_any_robot_are_refused(tmp_path: Path, old: str, new: str) -> None:
@@ -227,9 +305,19 @@ def test_values_beyond_any_robot_are_refused(tmp_path: Path, old: str, new: str)
     assert_refused(deltaph("plan", "wild.toml", cwd=tmp_path), 3, "is needed")
 
 
-def test_no_compiler(tmp_path: Path) -> None:
-    result = deltaph("run", PAPER, cwd=tmp_path, env={"PATH": str(tmp_path), "CC": "no-such-compiler"})
-    assert_refused(result, 2, "C compiler")
+def test_a_compiler_is_needed_once(tmp_path: Path) -> None:
+    cache = {"XDG_CACHE_HOME": str(tmp_path / "cache")}
+    without = cache | {"PATH": str(tmp_path), "CC": "no-such-compiler"}
+    assert_refused(deltaph("run", PAPER, "--no-telemetry", cwd=tmp_path, env=without), 2, "C compiler")
+    assert deltaph("run", PAPER, "--no-telemetry", cwd=tmp_path, env=cache).returncode == 0
+    result = deltaph("run", PAPER, "--no-telemetry", cwd=tmp_path, env=without)
+    assert result.returncode == 0, result.stderr
+
+
+def test_a_cache_that_cannot_be_written_is_refused_with_the_way_out(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    result = deltaph("run", PAPER, "--no-telemetry", cwd=tmp_path, env={"XDG_CACHE_HOME": str(tmp_path / "file")})
+    assert_refused(result, 2, "cannot create the directory", "set XDG_CACHE_HOME")
 
 
 def test_endpoint_in_use(tmp_path: Path) -> None:

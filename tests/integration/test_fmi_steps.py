@@ -5,9 +5,15 @@ from __future__ import annotations
 import ctypes as c
 import math
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
+from fmpy import simulate_fmu
+from fmpy.fmi1 import FMICallException
 from integration.fmi_slave import DISCARD, ERROR, OK, FmiSlave
+
+from deltaph.fmu.model_description import FmiVersion
+from deltaph.fmu.package import file_name
 
 
 def test_accumulated_time_is_tolerated(new_slave: Callable[..., FmiSlave]) -> None:
@@ -47,7 +53,23 @@ def test_a_step_that_is_not_positive_is_an_error(running: FmiSlave, size: float)
     assert "expected a communication step greater than 0 s" in running.last
 
 
-@pytest.mark.parametrize("size", [1.5e-3, 1e-4, 1e-12, 1e-3 + 2e-9, math.inf, 1e300, 5e9])
+OFF_GRID = pytest.mark.parametrize("size", [1.5e-3, 1e-4, 1e-12, 1e-3 + 2e-9, math.inf, 1e300, 5e9])
+
+
+@OFF_GRID
+@pytest.mark.parametrize("version", [2], indirect=True)
+def test_a_step_off_the_grid_is_an_error_of_fmi_2(running: FmiSlave, size: float) -> None:
+    assert running.step(0.0, size) == ERROR
+    assert "expected a communication step that is a multiple of 0.001 s but was" in running.last
+
+
+def test_an_importer_that_steps_off_the_grid_is_told_and_ends(dist: Path, version: FmiVersion) -> None:
+    with pytest.raises(FMICallException):
+        simulate_fmu(str(dist / file_name("planner", version)), stop_time=0.01, output_interval=5e-4)
+
+
+@OFF_GRID
+@pytest.mark.parametrize("version", [3], indirect=True)
 def test_a_step_off_the_grid_is_discarded_and_changes_nothing(running: FmiSlave, size: float) -> None:
     state = running.serialize(running.save())
     assert running.step(0.0, size) == DISCARD
@@ -86,9 +108,8 @@ def test_null_results_are_errors(running: FmiSlave) -> None:
 
 
 @pytest.mark.parametrize("version", [2], indirect=True)
-def test_status_after_a_discarded_step(running: FmiSlave) -> None:
+def test_status_after_a_step(running: FmiSlave) -> None:
     assert running.step(0.0) == OK
-    assert running.step(1e-3, 1e-4) == DISCARD
     time, terminated, anything = c.c_double(), c.c_int(7), c.c_int()
     assert running.call("GetRealStatus", 2, c.byref(time)) == OK
     assert time.value == 1e-3

@@ -231,7 +231,7 @@ def test_a_plan_that_takes_longer_than_the_way_before_is_waited_for(law: str, st
 @pytest.mark.parametrize("step_ms", [1, 5])
 def test_a_feed_override_and_a_wait_for_a_plan_know_of_each_other(step_ms: int) -> None:
     """The faster the robot is, the longer it waits; its clock stands meanwhile, and the filter of the feed goes on."""
-    changes = [(20, 0.3), (260, 1.0), (500, 0.0), (700, 0.8)]
+    changes = [(0, 0.9), (20, 0.3), (260, 1.0), (500, 0.0), (700, 0.8)]
     feed = "".join(f"\n[[feed]]\ntime_ms = {at}.0\noverride = {value}\n" for at, value in changes)
     scenario, nominal = short("paper_limited", step_ms, feed), schedule(short("paper_limited", step_ms))
     run = schedule(scenario, cycles=2)

@@ -38,6 +38,26 @@ def test_jerk_limited_durations(deviation: float, optimum: float, bound: float) 
     assert max(ratios(plan, PAPERS_PEAKS)) <= 1.001
 
 
+@pytest.mark.parametrize("jerk", [PAPERS_PEAKS.joint_jerk, (math.inf,) * 3])
+@pytest.mark.parametrize("deviation", [1e-4, 1e-5, 3e-6])
+def test_no_jump_beside_corners_of_micrometres(deviation: float, jerk: tuple[float, float, float]) -> None:
+    """Where the tool almost stops, b spans orders of magnitude within a piece; its clock is as exact there."""
+    plan = optimal(replace(PAPERS_PEAKS, joint_jerk=jerk), deviation)
+    time = np.linspace(0.0, plan.duration, 100_001)
+    found = plan.sample(time)
+    moved, speed = np.diff(found["tcp_position"], axis=0), found["tcp_velocity"]
+    # trapezoidal rule: its error is of third order in a step
+    np.testing.assert_allclose(moved, time[1] * 0.5 * (speed[1:] + speed[:-1]), atol=1e-10)
+
+
+def test_who_is_beyond_a_limit_is_told_what_can_be_changed() -> None:
+    limits = replace(PAPERS_PEAKS, joint_velocity=(4.0,) * 3)
+    with pytest.raises(InfeasibleError, match=r"beyond the limit of 4 rad/s: lower the law's speeds$"):
+        Plan(ROBOT, task(), PAPER).require_within(limits)
+    with pytest.raises(InfeasibleError, match=r"beyond the limit of 4 rad/s: the law misses it by 10 %, lower it by as much$"):
+        optimal(PAPERS_PEAKS).require_within(limits)
+
+
 def derivatives_by_arc_length(count: int) -> tuple[float, np.ndarray, np.ndarray]:
     """dq/ds, d2q/ds2 on the paper's path, from positions of the paper's own plan and differences of its joint angles."""
     plan = Plan(ROBOT, task(), PAPER)

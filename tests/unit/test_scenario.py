@@ -1,13 +1,15 @@
 """Scenario files: units removed once, everything wrong said in one line that names the key and the way out."""
 
 import math
+import tomllib
 from pathlib import Path
 
 import pytest
+from jsonschema import Draft202012Validator
 
 from deltaph.errors import ScenarioError
 from deltaph.scenario import load_scenario, parse_scenario, template
-from deltaph.scenario_file import DriveSection, RobotSection, TripSection
+from deltaph.scenario_file import DriveSection, RobotSection, ScenarioFile, TripSection
 from deltaph.sources import ROBOTS
 from deltaph.variables import variable_table
 
@@ -139,11 +141,20 @@ def test_unequal_sides() -> None:
             "corner_deviation_mm = -6.0 ",
             "task.corner_deviation_mm is -6.0: input should be greater than 0",
         ),
+        ("corner_deviation_mm = 6.0 ", "corner_deviation_mm = 0 ", "deviation_mm is 0: input should be greater than 0\n"),
+        ("deviation_mm = 6.0 ", "deviation_mm = [6.0, -1.0] ", "deviation_mm.1 is -1.0: input should be greater than 0\n"),
+        ("deviation_mm = 6.0 ", "deviation_mm = [6.0] ", "deviation_mm is [6.0]: more values are needed\n"),
+        ("deviation_mm = 6.0 ", "deviation_mm = [1, 2, 3] ", "deviation_mm is [1, 2, 3]: at most 2 values are needed\n"),
+        ("[-152.5, 0.0, -800.0]", "5.0", "task.pick_mm is 5.0: an array is needed\n"),
+        ("schema = 1", "schema = 1\nrobot = 5.0", "robot is 5.0: a table is needed\n"),
+        ("[run]", "[sequence]\nparts = [5.0]\n[run]", "part 1 of the sequence: it is 5.0: a table is needed"),
+        ("{ max = 0.1 }", "{ max = 0.1, tolerance = 1.0 }", "tracking_error_tcp_mm: tolerance goes with equals"),
+        ("{ max = 0.1 }", "{ min = 0.2, max = 0.1 }", "tracking_error_tcp_mm: nothing is at least 0.2 and at most 0.1"),
         ("lift_mm = 50.0 ", 'lift_mm = "50" ', "task.lift_mm is '50': input should be a valid number"),
         ("lift_mm = 50.0 ", "lift_pick_mm = 50.0 ", "task: give either lift_mm or both lift_pick_mm and lift_place_mm"),
-        ("[-152.5, 0.0, -800.0]", "[-152.5, 0.0]", "task.pick_mm.2 is missing"),
-        ('name = "paper"', 'name = "papper"', "law: 'papper' is not one of paper, comparison, paper_limited, time_optimal"),
-        ('gains = "tuned"', 'gains = "hot"', "drive: 'hot' is not one of tuned, factory"),
+        ("[-152.5, 0.0, -800.0]", "[-152.5, 0.0]", "task.pick_mm is [-152.5, 0.0]: more values are needed"),
+        ('name = "paper"', 'name = "papper"', "law.name: 'papper' is not one of paper, comparison, paper_limited, time_optimal"),
+        ('gains = "tuned"', 'gains = "hot"', "drive.gains: 'hot' is not one of tuned, factory"),
         (
             "communication_step_ms = 1.0",
             "communication_step_ms = 1.5",
@@ -154,20 +165,20 @@ def test_unequal_sides() -> None:
         ("{ max = 0.1 }", "{ }", "give either equals, with a tolerance, or min or max"),
         ("schema = 1", "schema = 2", "schema is 2"),
         ("[task]", "[task", "not TOML"),
-        ("[payload]", '[robot]\nname = "rl6"\n[payload]', "robot: 'rl6' is not one of default, rl5-1450-6kg"),
+        ("[payload]", '[robot]\nname = "rl6"\n[payload]', "robot.name: 'rl6' is not one of default, rl5-1450-6kg"),
         (
             "[payload]",
             "[[fault]]\ntime_ms = 1.0\ntorque_gian = 0.0\n[payload]",
-            "unknown key fault.0.torque_gian: did you mean torque_gain?",
+            "fault 1: unknown key torque_gian: did you mean torque_gain?",
         ),
-        ("[payload]", "[[fault]]\ntime_ms = 1.0\n[payload]", "fault.0: give what happens, such as torque_gain = 0.0"),
-        ("[payload]", "[[fault]]\ntime_ms = 1.0\naxis = 1\nbrake = true\n[payload]", "fault.0: axis goes with torque_gain"),
+        ("[payload]", "[[fault]]\ntime_ms = 1.0\n[payload]", "fault 1: give what happens, such as torque_gain = 0.0"),
+        ("[payload]", "[[fault]]\ntime_ms = 1.0\naxis = 1\nbrake = true\n[payload]", "fault 1: axis goes with torque_gain"),
         (
             "[payload]",
             "[[fault]]\ntime_ms = 1.0\ntorque_gain = 1.5\n[payload]",
-            "fault.0.torque_gain is 1.5: input should be less than",
+            "fault 1: torque_gain is 1.5: input should be less than",
         ),
-        ("[expect]", '[expect]\ntrip = "crash"', "expect: 'crash' is not one of none, position_deviation"),
+        ("[expect]", '[expect]\ntrip = "crash"', "expect.trip: 'crash' is not one of none, position_deviation"),
         ("[payload]", "[robot]\nforearm_inertia_kg_m2 = 0.1\n[payload]", "robot.forearm_inertia_kg_m2 is 0.1: rods of 0.273 kg"),
         ("[payload]", "[robot]\njoint_position_max_deg = -50.0\n[payload]", "robot.joint_position_max_deg is -50"),
     ],
@@ -175,8 +186,37 @@ def test_unequal_sides() -> None:
 def test_wrong_files_are_refused_with_the_key_and_the_way_out(old: str, new: str, says: str) -> None:
     with pytest.raises(ScenarioError) as refusal:
         parse_scenario(changed(old, new), PATH)
-    assert says in str(refusal.value)
+    assert says in str(refusal.value) + "\n"
     assert str(refusal.value).startswith("test.toml: ")
+
+
+SCHEMA = Draft202012Validator(ScenarioFile.model_json_schema())
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "scenarios").glob("*.toml")), ids=lambda path: path.stem)
+def test_the_json_schema_accepts_every_scenario(path: Path) -> None:
+    SCHEMA.validate(tomllib.loads(path.read_text(encoding="utf-8")))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("lift_mm", "lift_m"),
+        ("pick_mm", "pik_mm"),
+        ("corner_deviation_mm = 6.0 ", "corner_deviation_mm = [6.0] "),
+        ("lift_mm = 50.0 ", "lift_pick_mm = 50.0 "),
+        ("lift_mm = 50.0 ", "lift_mm = 50.0\nlift_pick_mm = 50.0 "),
+        ("[run]", "[sequence]\nparts = [ { lift_mm = 1.0, lift_place_mm = 1.0 } ]\n[run]"),
+        ('name = "paper"', 'name = "papper"'),
+        ("{ max = 0.1 }", "{ }"),
+        ("{ max = 0.1 }", "{ max = 0.1, equals = 0.1 }"),
+        ("{ max = 0.1 }", "{ max = 0.1, tolerance = 0.1 }"),
+    ],
+)
+def test_the_json_schema_refuses_what_the_product_refuses(old: str, new: str) -> None:
+    with pytest.raises(ScenarioError):
+        parse_scenario(changed(old, new), PATH)
+    assert not SCHEMA.is_valid(tomllib.loads(changed(old, new)))
 
 
 def test_unreadable_files(tmp_path: Path) -> None:
