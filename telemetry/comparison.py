@@ -13,6 +13,7 @@ import rerun.blueprint as rrb
 from deltaph.telemetry.axes import labelled
 from deltaph.telemetry.compared_corners import compared_corners, corner_view
 from deltaph.telemetry.corner import excess
+from deltaph.telemetry.destination import written_to
 from deltaph.telemetry.focus import LONG, Range, around, time_axis
 from deltaph.telemetry.scene import FloatArray
 from deltaph.telemetry.side import COLORS, Side
@@ -66,10 +67,11 @@ class Comparison:
 
         Raises:
             EnvironmentProblem: a recording lacks what is compared.
+            OSError: the file cannot be written.
         """
-        with rr.RecordingStream("deltaph-comparison") as stream:
-            stream.set_log_time_enabled(False)
-            stream.save(path)
+        stream = rr.RecordingStream("deltaph-comparison")
+        stream.set_log_time_enabled(False)
+        with written_to(path, stream):
             stream.send_recording_name(" against ".join(side.name for side in self._sides))
             stream.send_property("comparison", rr.AnyValues(json=self._facts_json))
             stream.log("verdict", rr.TextDocument(self._markdown, media_type=rr.MediaType.MARKDOWN), static=True, strict=True)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import io
 import os
 import socket
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
 from urllib.parse import urlsplit
@@ -59,11 +60,82 @@ class Destination(Protocol):
         """
 
 
+class PipedFile:
+    """A file that Rerun writes through a pipe, from which a thread here takes what comes.
+
+    Of a full disk Rerun 0.41 itself would tell its log alone, and who waits then for what it was about to write waits for ever.
+
+    Args:
+        path: of the file.
+
+    Raises:
+        OSError: it cannot be opened.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("wb", buffering=0)
+        self._error: OSError | None = None
+
+    def begin(self, stream: rr.RecordingStream, blueprint: rrb.Blueprint | None = None, *, footer: bool = True) -> None:
+        """Have all that is logged from now on written, until `end`."""
+        reading, writing = os.pipe()
+        self._thread = threading.Thread(target=self._copy, args=(reading,), name="recording", daemon=True)
+        self._thread.start()
+        try:
+            stream.save(f"/dev/fd/{writing}", default_blueprint=blueprint, write_footer=footer)
+        finally:
+            os.close(writing)  # Rerun has opened it anew
+
+    def written(self, stream: rr.RecordingStream) -> None:
+        """Wait until what was logged is in the pipe.
+
+        Raises:
+            OSError: the file cannot be written any more.
+        """
+        stream.flush()
+        if self._error is not None:
+            raise self._error
+
+    def end(self) -> None:
+        """Wait until all is in the file. The stream has ended.
+
+        Raises:
+            OSError: it could not be written to its end.
+        """
+        self._thread.join()
+        if self._error is not None:
+            raise self._error
+
+    def _copy(self, reading: int) -> None:
+        """Write what comes through the pipe until it ends; what cannot be written any more is dropped, so that Rerun goes on."""
+        with self._file as file, open(reading, "rb", buffering=0) as pipe:
+            while block := pipe.read(_BLOCK):
+                left = memoryview(block)
+                while left and self._error is None:
+                    try:
+                        left = left[file.write(left) :]
+                    except OSError as error:
+                        self._error = error
+
+
+@contextmanager
+def written_to(path: Path, stream: rr.RecordingStream, blueprint: rrb.Blueprint | None = None) -> Iterator[None]:
+    """Have what is logged meanwhile written to a file, which is finished at the end.
+
+    Raises:
+        OSError: it cannot be.
+    """
+    file = PipedFile(path)
+    file.begin(stream, blueprint)
+    try:
+        yield
+    finally:
+        stream.disconnect()
+        file.end()
+
+
 class RecordingFile:
     """A file. It is checked now and written from the first rows on, so that a run that never starts leaves nothing behind.
-
-    Rerun writes into a pipe, and a thread here into the file. Of a full disk Rerun 0.41 itself would tell its log alone, and who
-    waits then for what it was about to write waits for ever.
 
     Raises:
         EnvironmentProblem: it cannot be written; an existing one keeps its content.
@@ -76,8 +148,7 @@ class RecordingFile:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._error: OSError | None = None
-        self._thread: threading.Thread | None = None
+        self._file: PipedFile | None = None
         existed = path.exists()
         try:
             path.open("ab").close()
@@ -93,27 +164,10 @@ class RecordingFile:
     def begin(self, stream: rr.RecordingStream, blueprint: rrb.Blueprint) -> None:
         """Open the file. Without a footer, for which Rerun would remember each chunk: the recorder's memory is to stay flat."""
         try:
-            file = self._path.open("wb", buffering=0)
+            self._file = PipedFile(self._path)
         except OSError as error:
             raise self._problem(error) from error
-        reading, writing = os.pipe()
-        self._thread = threading.Thread(target=self._copy, args=(reading, file), name="recording", daemon=True)
-        self._thread.start()
-        try:
-            stream.save(f"/dev/fd/{writing}", default_blueprint=blueprint, write_footer=False)
-        finally:
-            os.close(writing)  # Rerun has opened it anew
-
-    def _copy(self, reading: int, file: io.FileIO) -> None:
-        """Write what comes through the pipe until it ends; what cannot be written any more is dropped, so that Rerun goes on."""
-        with file, open(reading, "rb", buffering=0) as pipe:
-            while block := pipe.read(_BLOCK):
-                left = memoryview(block)
-                while left and self._error is None:
-                    try:
-                        left = left[file.write(left) :]
-                    except OSError as error:
-                        self._error = error
+        self._file.begin(stream, blueprint, footer=False)
 
     def written(self, stream: rr.RecordingStream) -> None:
         """Wait until they are in the pipe, so that they do not pile up here.
@@ -121,9 +175,11 @@ class RecordingFile:
         Raises:
             EnvironmentProblem: the file cannot be written any more.
         """
-        stream.flush()
-        if self._error is not None:
-            raise self._problem(self._error)
+        assert self._file is not None
+        try:
+            self._file.written(stream)
+        except OSError as error:
+            raise self._problem(error) from error
 
     def end(self) -> None:
         """Append the footer; a file that could not be written to its end is removed.
@@ -131,11 +187,12 @@ class RecordingFile:
         Raises:
             EnvironmentProblem: it could not, or it gets no footer, without which it is complete.
         """
-        if self._thread is not None:
-            self._thread.join()
-        if self._error is not None:
+        assert self._file is not None
+        try:
+            self._file.end()
+        except OSError as error:
             self._path.unlink(missing_ok=True)
-            raise self._problem(self._error)
+            raise self._problem(error) from error
         add_footer(self._path)
 
     def _problem(self, error: OSError) -> EnvironmentProblem:

@@ -11,6 +11,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from deltaph.telemetry.axes import labelled
+from deltaph.telemetry.destination import written_to
 from deltaph.telemetry.world import pixels
 
 FloatArray = NDArray[np.float64]
@@ -59,10 +60,14 @@ class Method:
 
 
 def write_figures(path: Path, methods: tuple[Method, Method], markdown: str) -> None:
-    """Write the recording: the claims as text, figure 4 in space, figures 5 and 6 as planned, 7 and 8 as executed."""
-    with rr.RecordingStream("deltaph-paper") as stream:
-        stream.set_log_time_enabled(False)
-        stream.save(path, default_blueprint=_blueprint(methods))
+    """Write the recording: the claims as text, figure 4 in space, figures 5 and 6 as planned, 7 and 8 as executed.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    stream = rr.RecordingStream("deltaph-paper")
+    stream.set_log_time_enabled(False)
+    with written_to(path, stream, _blueprint(methods)):
         stream.send_recording_name("The paper's section 4")
         stream.log("claims", rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN), static=True, strict=True)
         stream.log("figure_4", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True, strict=True)

@@ -1,6 +1,7 @@
 """Comparisons of real recordings, read back."""
 
 import json
+import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -192,6 +193,18 @@ def test_what_is_no_recording_of_deltaph_is_refused_in_one_line(directory: Path,
         assert str(wrong) in done.stderr
         assert word in done.stderr
     assert not (tmp_path / "c.rrd").exists()
+
+
+@pytest.mark.parametrize("room", [0, 200_000])
+def test_full_disk_is_one_line_and_leaves_nothing(directory: Path, tmp_path: Path, room: int) -> None:
+    both = tmp_path / "both.rrd"
+    command = [str(DELTAPH), "compare", str(directory / "paper.rrd"), "-o", str(both)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (room, room))
+        _, words = process.communicate(timeout=60)
+    assert words == f"deltaph: error: cannot write {both}: File too large\n"
+    assert process.returncode == 2
+    assert not list(tmp_path.iterdir())
 
 
 def test_output_must_not_be_one_of_the_recordings(directory: Path) -> None:
