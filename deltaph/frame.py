@@ -201,7 +201,7 @@ class Frames(Sequence[Frame]):
     """The frames of a run, in memory that is allocated and touched before the first step.
 
     Attributes:
-        commands: of the frames to come.
+        commands: of the frames to come; copied into each.
 
     Args:
         count: frames that fit.
@@ -257,7 +257,7 @@ class RecentFrames:
     """The frames of a run without an end, in blocks that are freed when the last frame of theirs is: sinks decide what is kept.
 
     Attributes:
-        commands: of the frames to come.
+        commands: of the frames to come; copied into each.
     """
 
     def __init__(self) -> None:

@@ -94,6 +94,7 @@ def serve_scenario(path: Path, options: Options, console: Console, log: Console)
 
         attendant = Attendant(scenario, overrides, tasks, begin)
         frames = RecentFrames()
+        frames.commands = counts.array
         stepping = attend(
             scenario,
             fmus,
@@ -108,7 +109,6 @@ def serve_scenario(path: Path, options: Options, console: Console, log: Console)
             for frame in stepping:
                 for sink in sinks:
                     sink.take(frame)
-                frames.commands = counts.read()
         overrides.close()
         tasks.close()
         publisher.ask(ServingPublisher.end_service)
@@ -119,7 +119,7 @@ def serve_scenario(path: Path, options: Options, console: Console, log: Console)
             **tally.ask(Tally.facts),
             "commands": {
                 command: {outcome: n for outcome, n in zip(OUTCOMES, row, strict=True) if n}
-                for command, row in zip(COMMANDS, counts.read().tolist(), strict=True)
+                for command, row in zip(COMMANDS, counts.array.tolist(), strict=True)
             },
             "telemetry": {"published": publisher.ask(attrgetter("published")), "dropped": publisher.dropped},
             "recording": str(options.record) if options.record is not None else None,

@@ -167,18 +167,28 @@ class Cell(Protocol):
 
 
 class CommandCounts:
-    """How many commands so far had which outcome, in memory that the process that answers them shares with the step loop."""
+    """How many commands so far had which outcome, in memory that the process that answers them shares with the step loop.
+
+    Attributes:
+        array: the counts as they are now (COMMANDS, OUTCOMES).
+    """
 
     def __init__(self) -> None:
-        self._memory = CONTEXT.RawArray(ctypes.c_int32, NO_COMMANDS.size)
+        self._attach(CONTEXT.RawArray(ctypes.c_int32, NO_COMMANDS.size))
+
+    def _attach(self, memory: ctypes.Array[ctypes.c_int32]) -> None:
+        self._memory = memory
+        self.array: NDArray[np.int32] = np.frombuffer(memoryview(memory), NO_COMMANDS.dtype).reshape(NO_COMMANDS.shape)
+
+    def __getstate__(self) -> ctypes.Array[ctypes.c_int32]:
+        return self._memory
+
+    def __setstate__(self, memory: ctypes.Array[ctypes.c_int32]) -> None:
+        self._attach(memory)
 
     def add(self, command: Command, outcome: Outcome) -> None:
         """Count one; one call at a time."""
-        self._memory[COMMANDS.index(command) * len(OUTCOMES) + OUTCOMES.index(outcome)] += 1
-
-    def read(self) -> NDArray[np.int32]:
-        """The counts (COMMANDS, OUTCOMES)."""
-        return np.frombuffer(bytes(self._memory), np.int32).reshape(NO_COMMANDS.shape)
+        self.array[COMMANDS.index(command), OUTCOMES.index(outcome)] += 1
 
 
 class CommandService:

@@ -552,8 +552,8 @@ def test_what_nobody_foresaw_is_answered_counted_and_not_the_end() -> None:
                 client.hold()
     finally:
         publisher.close()
-    assert counts.read()[COMMANDS.index("ppo"), OUTCOMES.index("failed")] == 2
-    assert counts.read().sum() == 3
+    assert counts.array[COMMANDS.index("ppo"), OUTCOMES.index("failed")] == 2
+    assert counts.array.sum() == 3
     assert said[0] == "command ppo refused (failed): the cell could not judge it: ZeroDivisionError: of 0.5"
 
 
