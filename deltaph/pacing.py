@@ -32,6 +32,9 @@ HISTOGRAM_US = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000, 10
 SPIN_NS = 60_000
 """The end of a wait, spent looking at the clock: a sleeper wakes some tens of microseconds late [ns]."""
 
+PRIORITY = 50
+"""Of a loop for which none was chosen, where the system permits one: above all that is not real time, below the system's own."""
+
 _PR_SET_TIMERSLACK = 29  # linux/prctl.h
 _MCL_CURRENT = 1
 _SWITCH_INTERVAL = 5e-5  # a progress bar's thread gives the interpreter back within this [s]; Python's own 5 ms are five steps
@@ -214,6 +217,15 @@ def undisturbed(asked: Undisturbed) -> Iterator[None]:
                 if libc.mlockall(_MCL_CURRENT) == 0:
                     stack.callback(libc.munlockall)
         yield
+
+
+def permitted_priority() -> int:
+    """PRIORITY where the system permits it, else 0."""
+    try:
+        with _first_in_first_out(PRIORITY):
+            return PRIORITY if sys.platform == "linux" else 0
+    except EnvironmentProblem:
+        return 0
 
 
 @contextlib.contextmanager

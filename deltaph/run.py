@@ -126,7 +126,8 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
             "sequence": sequence_facts(scenario, run),
             "operations": operation_facts(run, execution),
             "executed": executed_facts(execution),
-            "timing": timing_facts(trace, realtime=options.realtime is not None),
+            "timing": timing_facts(trace, realtime=options.realtime is not None)
+            | {"realtime_priority": options.realtime.priority if options.realtime is not None else 0},
             "telemetry": {
                 "published": publisher.ask(attrgetter("published")) if publisher is not None else 0,
                 "dropped": publisher.dropped if publisher is not None else 0,

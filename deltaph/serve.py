@@ -93,13 +93,14 @@ def serve_scenario(path: Path, options: Options, console: Console, log: Console)
             tally.tell(methodcaller("begin", begun))
 
         attendant = Attendant(scenario, overrides, tasks, begin)
+        realtime = options.realtime or Undisturbed()
         frames = RecentFrames()
         frames.commands = counts.array
         stepping = attend(
             scenario,
             fmus,
             attendant,
-            realtime=options.realtime or Undisturbed(),
+            realtime=realtime,
             dropped=lambda: sum(sink.dropped for sink in sinks),
             frames=frames,
         )
@@ -112,11 +113,13 @@ def serve_scenario(path: Path, options: Options, console: Console, log: Console)
         overrides.close()
         tasks.close()
         publisher.ask(ServingPublisher.end_service)
+        counted = tally.ask(Tally.facts)
         facts = {
             "scenario": str(path),
             "law": scenario.law.name,
             "communication_step_s": scenario.communication_step_ms / 1000.0,
-            **tally.ask(Tally.facts),
+            **counted,
+            "timing": {**counted["timing"], "realtime_priority": realtime.priority},
             "commands": {
                 command: {outcome: n for outcome, n in zip(OUTCOMES, row, strict=True) if n}
                 for command, row in zip(COMMANDS, counts.array.tolist(), strict=True)

@@ -81,12 +81,18 @@ def _resident(pid: int) -> float | None:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6 if pages else None
 
 
+def _growth(samples: Sequence[float]) -> float:
+    """From the first quarter of samples to the last; their medians, as memory goes up and down with each chunk that is written."""
+    quarter = max(1, len(samples) // 4)
+    return float(np.median(samples[-quarter:]) - np.median(samples[:quarter]))
+
+
 class _Stage:
     """The processes of one case, killed at its end at the latest."""
 
-    def __init__(self, directory: Path, scenario: Path, cell: str, priority: int, stack: ExitStack) -> None:
+    def __init__(self, directory: Path, scenario: Path, cell: str, priority: int | None, stack: ExitStack) -> None:
         self.directory = directory
-        self._priority = ["--realtime-priority", str(priority)]
+        self._priority = [] if priority is None else ["--realtime-priority", str(priority)]
         self.endpoint = _endpoint()
         self.cell = cell
         self._scenario = scenario
@@ -298,10 +304,10 @@ class Soak:
     Args:
         directory: for reports, logs and recordings.
         console: for progress.
-        priority: of the step loops, see `Undisturbed`.
+        priority: of the step loops, see `Undisturbed`; None is that of `deltaph run --realtime`.
     """
 
-    def __init__(self, directory: Path, console: Console, priority: int) -> None:
+    def __init__(self, directory: Path, console: Console, priority: int | None) -> None:
         self._priority = priority
         self._console = console
         self._directory = directory
@@ -339,7 +345,7 @@ class Soak:
                 (stage.directory / "recorder.log").read_text(encoding="utf-8").split()
             ):
                 observed.failures.append(f"the recorder lost something: {stage.said('recorder')}")
-        observed.growth = {process: max(samples) - samples[0] for process, samples in memory.items() if samples}
+        observed.growth = {process: _growth(samples) for process, samples in memory.items() if samples}
         observed.failures += _lost(observed)
         return observed
 
@@ -453,12 +459,12 @@ def _print_commands(console: Console, found: Sequence[Observed]) -> None:
     console.print(table)
 
 
-def run_soak(minutes: float, priority: int, console: Console, log: Console) -> list[Observed]:
+def run_soak(minutes: float, priority: int | None, console: Console, log: Console) -> list[Observed]:
     """Run all cases and print the table.
 
     Args:
         minutes: of the undisturbed case; the others have their own lengths, two minutes together.
-        priority: of the step loops, see `Undisturbed`.
+        priority: of the step loops, see `Undisturbed`; None is that of `deltaph run --realtime`.
         console: for the table.
         log: for progress.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -21,6 +21,9 @@ from deltaph.cli.options import (
 )
 from deltaph.errors import DeltaphError
 from deltaph.files import check_writable, write_text
+
+if TYPE_CHECKING:
+    from deltaph.pacing import Undisturbed
 
 
 def build(
@@ -53,7 +56,7 @@ def run(
     realtime: Annotated[
         bool, typer.Option("--realtime", help="keep the communication points on the clock; without it: as fast as possible")
     ] = False,
-    priority: PriorityOption = 0,
+    priority: PriorityOption = None,
     cpu: Annotated[int | None, typer.Option("--cpu", metavar="N", help="processor for the step loop", min=0)] = None,
     cycles: Annotated[
         int | None,
@@ -86,7 +89,6 @@ def run(
 
     Example: deltaph run scenarios/paper.toml --serve   (then, elsewhere: deltaph command ppo --place 100,0,-800)
     """
-    from deltaph.pacing import Undisturbed
     from deltaph.run import Options, run_scenario
 
     if serve:
@@ -101,12 +103,12 @@ def run(
         raise DeltaphError(
             "--connect, --listen, --wait-subscribers, --zenoh-config, --cell need telemetry: leave out --no-telemetry"
         )
-    if not realtime and (priority or cpu is not None):
+    if not realtime and (priority is not None or cpu is not None):
         raise DeltaphError("--realtime-priority and --cpu are for the real-time loop: add --realtime")
     check_writable(json_file, csv, binary=[record], inputs=[scenario, zenoh_config])
     options = Options(
         record=record,
-        realtime=Undisturbed(priority, cpu) if realtime else None,
+        realtime=_undisturbed(priority, cpu) if realtime else None,
         cycles=cycles,
         telemetry=telemetry,
         connect=tuple(connect or ()),
@@ -131,6 +133,18 @@ def run(
     write_json(json_file, result.facts)
     if not result.ok:
         raise typer.Exit(1)
+
+
+def _undisturbed(priority: int | None, cpu: int | None) -> Undisturbed:
+    from deltaph.pacing import PRIORITY, Undisturbed, permitted_priority
+
+    if priority is not None:
+        return Undisturbed(priority, cpu)
+    permitted = permitted_priority()
+    if not permitted:
+        reason = f"no real-time priority: it is not permitted (`ulimit -r {PRIORITY}`), and what else runs may delay the loop"
+        Console(stderr=True).print(reason, style="dim", soft_wrap=True)
+    return Undisturbed(permitted, cpu)
 
 
 def record(

@@ -28,17 +28,17 @@ def bench() -> None:
 
 def soak(
     minutes: Annotated[float, typer.Option("--minutes", metavar="M", help="length of the undisturbed case")] = 10.0,
-    priority: PriorityOption = 0,
+    priority: PriorityOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """A cell in real time while its consumers stop, die and fail: what that costs the loop, and what is lost.
 
     The paper's case, there and back. Each case runs beside a bare loop, without consumers, for comparison. The first has a
     subscriber and a recorder and is left alone for --minutes; the others take two minutes together. The exit code is 1 where
-    messages were lost for good, came out of order, or service did not resume; lateness is shown, not judged. With a real-time
-    priority the loops are disturbed by their own process alone, and not by how many processors the consumers keep busy.
+    messages were lost for good, came out of order, or service did not resume; lateness is shown, not judged. Without a real-time
+    priority the loops are late as well where they and the consumers want more processors than there are.
 
-    Example: deltaph soak --minutes 0.5 --realtime-priority 50
+    Example: deltaph soak --minutes 0.5
     """
     from dataclasses import asdict
 

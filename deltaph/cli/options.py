@@ -25,8 +25,15 @@ ZenohConfigOption = Annotated[
     typer.Option("--zenoh-config", metavar="FILE.json5", help="Zenoh configuration, such as TLS; see `deltaph zenoh-config`"),
 ]
 PriorityOption = Annotated[
-    int,
-    typer.Option("--realtime-priority", metavar="N", help="1 to 99: SCHED_FIFO for the step loop, memory locked", min=0, max=99),
+    int | None,
+    typer.Option(
+        "--realtime-priority",
+        metavar="N",
+        help="1 to 99: SCHED_FIFO for the step loop, memory locked; 0: none; without it 50 where the system permits it",
+        min=0,
+        max=99,
+        show_default=False,
+    ),
 ]
 
 

@@ -1,11 +1,12 @@
 """Deadlines on a clock that the test moves."""
 
 import gc
+import os
 
 import pytest
 
 from deltaph.errors import EnvironmentProblem
-from deltaph.pacing import CAUSES, HISTOGRAM_US, Pacer, Undisturbed, histogram, undisturbed
+from deltaph.pacing import CAUSES, HISTOGRAM_US, PRIORITY, Pacer, Undisturbed, histogram, permitted_priority, undisturbed
 
 STEP = 1_000_000  # [ns]
 BEGIN = 5_000
@@ -101,3 +102,19 @@ def test_garbage_collection_is_out_of_the_way_and_back_afterwards() -> None:
 def test_a_processor_that_is_not_ours_is_refused() -> None:
     with pytest.raises(EnvironmentProblem, match="processor 4000 is not ours: choose one of"):
         Undisturbed(cpu=4000)
+
+
+def test_permitted_priority_leaves_the_scheduling_as_it_was() -> None:
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    assert permitted_priority() in (0, PRIORITY)
+    assert (os.sched_getscheduler(0), os.sched_getparam(0)) == before
+
+
+def test_priority_that_is_not_permitted_is_none_unless_it_was_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    assert permitted_priority() == 0
+    with pytest.raises(EnvironmentProblem, match="real-time priority 50 is not permitted"), undisturbed(Undisturbed(PRIORITY)):
+        pass
