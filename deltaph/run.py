@@ -38,7 +38,7 @@ SUBSCRIBER_TIMEOUT = 60.0
 """How long `--wait-subscribers` waits [s]."""
 
 QUEUE_FRAMES = 20_000
-"""Frames that may wait for a sink: 20 s at 1 kHz, some 28 MB."""
+"""Frames that may wait for a sink: 20 s at 1 kHz, some 20 MB."""
 
 SLOW_POLL = 0.05
 """Between two looks of a sink from which nobody expects an answer at once [s]."""
