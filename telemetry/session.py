@@ -151,20 +151,18 @@ def open_cell_session(
     listen = listen or settings.endpoints("listen")
     connect = connect or settings.endpoints("connect")
     rules = [{"key_expr": key, "freq": COMMAND_RATE} for key in commands]
-    more: dict[str, Any] = {
-        "adminspace": {"enabled": True},  # it is what tells the publisher who subscribes
-        "downsampling": [{"id": "commands", "flows": ["ingress"], "messages": ["query"], "rules": rules}] if rules else [],
-    }
+    downsampling = [{"id": "commands", "flows": ["ingress"], "messages": ["query"], "rules": rules}] if rules else []
+    opened = partial(_open, settings, connect=connect, downsampling=downsampling)
     if listen:
-        return _open(settings, listen, connect, **more), tuple(listen)
+        return opened(listen), tuple(listen)
     try:
-        return _open(settings, [DEFAULT_ENDPOINT], connect, **more), (DEFAULT_ENDPOINT,)
+        return opened([DEFAULT_ENDPOINT]), (DEFAULT_ENDPOINT,)
     except EnvironmentProblem as taken:
         problem = taken
     for _ in range(_FREE_PORT_ATTEMPTS):  # another process can be faster at a free port
         endpoint = f"tcp/127.0.0.1:{_free_port()}"
         try:
-            return _open(settings, [endpoint], connect, **more), (endpoint,)
+            return opened([endpoint]), (endpoint,)
         except EnvironmentProblem as lost:
             problem = lost
     raise problem
@@ -245,8 +243,7 @@ def replies(session: zenoh.Session, selector: str, timeout: float, payload: byte
 def collected(ask: Callable[[Any], object], timeout: float) -> list[zenoh.Reply]:
     """Ask, and wait for all replies.
 
-    Zenoh ends a query at its time limit, but the iterator that `Session.get` returns was seen, rarely, to wait for ever; this
-    wait has an end of its own.
+    Zenoh ends a query at its time limit; this wait has an end of its own.
 
     Args:
         ask: does it, with the handler that it is given.

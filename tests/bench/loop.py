@@ -13,7 +13,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from integration.allocations import counting
-from integration.test_zenoh import free_endpoint
+from integration.waiting import free_endpoint
 
 from deltaph.execution import Trace, percentiles
 from deltaph.fmu import cached_fmus

@@ -4,39 +4,25 @@ from __future__ import annotations
 
 import json
 import signal
-import socket
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import zenoh
+from integration.waiting import DEADLINE, free_endpoint, wait_until
 from numpy.typing import NDArray
 
 from deltaph.telemetry import CommandClient, Message, MessageName, Reply, Subscriber, layout
 from deltaph.telemetry.session import COMMAND_RATE
 
 DELTAPH = Path(sys.executable).with_name("deltaph")
-DEADLINE = 60.0  # [s]
 CELL = "serving-cell"
-
-
-def free_endpoint() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-
-
-def wait_until(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + DEADLINE
-    while not condition():
-        assert time.monotonic() < deadline, "it does not come"
-        time.sleep(0.005)
 
 
 class Serving:

@@ -1,17 +1,14 @@
 """Sinks for other processes, which import them from here."""
 
 import os
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 from integration.synthetic_cell import scene
+from integration.waiting import wait_until
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import Frame, ListSink
 from deltaph.telemetry import Recorder
-
-DEADLINE = 10.0
 
 
 class Steps(ListSink):
@@ -63,10 +60,3 @@ def none_of_it() -> ListSink:
 
 def recorder_of_the_scene(path: Path) -> Recorder:
     return Recorder(path, scene(), chunk=10)
-
-
-def wait_until(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + DEADLINE
-    while not condition():
-        assert time.monotonic() < deadline, "it does not come"
-        time.sleep(0.001)

@@ -7,10 +7,10 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
+from integration.waiting import wait_until
 
 from deltaph.scenario import template
 
@@ -409,12 +409,8 @@ def test_interrupt_leaves_a_readable_recording(tmp_path: Path, number: signal.Si
         "paper.json",
     ]
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        deadline = time.monotonic() + 60.0
         recording = tmp_path / "paper.rrd"
-        while not (recording.exists() and recording.stat().st_size > 1_000_000):  # some seconds of frames
-            assert time.monotonic() < deadline
-            assert process.poll() is None
-            time.sleep(0.01)
+        wait_until(lambda: recording.exists() and recording.stat().st_size > 1_000_000, process)  # some seconds of frames
         process.send_signal(number)
         _, errors = process.communicate(timeout=30.0)
     assert process.returncode == 130

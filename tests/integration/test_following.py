@@ -1,17 +1,16 @@
 """A real cell, followed from other processes at the same time: into a file, and into viewers."""
 
 import os
-import socket
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 from integration.read_back import Recording, assert_same_rows
+from integration.waiting import DEADLINE, free_endpoint, free_port, wait_until
 from rerun.experimental import ViewerClient
 
 from deltaph.errors import EnvironmentProblem
@@ -21,7 +20,6 @@ from deltaph.telemetry.viewer import StartedViewer, rerun_binary, start_viewer
 
 PAPER = Path(__file__).parents[2] / "scenarios" / "paper.toml"
 DELTAPH = Path(sys.executable).with_name("deltaph")
-DEADLINE = 60.0  # [s]
 CYCLES = 8  # longer than one chunk
 STEPS = CYCLES * 2 * 303 + 50
 
@@ -29,19 +27,6 @@ needs_vulkan = pytest.mark.skipif(
     not any(Path(folder).glob("vulkan/icd.d/*.json") for folder in ("/usr/share", "/etc", "/usr/local/share")),
     reason="there is no Vulkan driver, which a viewer draws with: install Debian's mesa-vulkan-drivers",
 )
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-def wait_until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + DEADLINE
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
 
 
 @contextmanager
@@ -106,7 +91,7 @@ def followed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Followed]:
     folder = tmp_path_factory.mktemp("followed")
     files = Followed(folder / "run.rrd", folder / "recorded.rrd", folder / "shown.rrd")
     unfinished = folder / "unfinished.rrd"
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    endpoint = free_endpoint()
     with ExitStack() as stack:
         url = stack.enter_context(saving_viewer(unfinished))
         record = stack.enter_context(process(DELTAPH, "record", "--connect", endpoint, "-o", files.recorded))
@@ -141,7 +126,7 @@ def test_a_viewer_is_sent_what_is_recorded(followed: Followed) -> None:
 
 @needs_vulkan
 def test_viewer_follows_the_cell_and_stays() -> None:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    endpoint = free_endpoint()
     with headless_viewer() as viewer:
         with process(DELTAPH, "view", "--live", "--url", viewer.url, "--connect", endpoint) as view:
             finished([view], endpoint)
@@ -161,7 +146,7 @@ def test_viewer_follows_the_cell_and_stays() -> None:
 
 @needs_vulkan
 def test_a_viewer_that_is_closed_ends_the_view_and_not_the_cell() -> None:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    endpoint = free_endpoint()
     run = [DELTAPH, "run", PAPER, "--realtime", "--cycles", "1000", "--listen", endpoint, "--wait-subscribers", "1"]
     with (
         headless_viewer() as viewer,
@@ -179,7 +164,7 @@ def test_a_viewer_that_is_closed_ends_the_view_and_not_the_cell() -> None:
 
 def test_without_a_screen_there_is_one_clear_line() -> None:
     environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    command = [str(DELTAPH), "view", "--live", "--connect", f"tcp/127.0.0.1:{free_port()}"]
+    command = [str(DELTAPH), "view", "--live", "--connect", free_endpoint()]
     done = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE, check=False, env=environment)
     assert done.returncode == 2
     assert done.stderr.startswith("deltaph: error: the Rerun viewer did not start: ")

@@ -6,13 +6,13 @@ import resource
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import rerun as rr
+from integration.waiting import wait_until
 from rerun.chunk import RrdReader
 
 from deltaph.errors import EnvironmentProblem
@@ -81,15 +81,18 @@ def test_recording_stays_whole_where_there_is_no_room_for_the_footer(without: Pa
 
 def recorder_of(run: subprocess.Popen[Any]) -> int:
     """The process in which a run without telemetry records."""
-    deadline = time.monotonic() + 60.0
-    while time.monotonic() < deadline:
+    found: list[int] = []
+
+    def started() -> list[int]:
         for process in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError):  # it ended meanwhile
                 parent = int((process / "stat").read_text(encoding="utf-8").rpartition(")")[2].split()[1])
                 if parent == run.pid and b"spawn_main" in (process / "cmdline").read_bytes():
-                    return int(process.name)
-        time.sleep(0.005)
-    raise TimeoutError("the run has no recorder")
+                    found.append(int(process.name))
+        return found
+
+    wait_until(started, run)
+    return found[0]
 
 
 def recorded(path: Path, room: int | None = None) -> subprocess.CompletedProcess[str]:
@@ -151,11 +154,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("killed") / "run.rrd"
     command = [DELTAPH, "run", PAPER, "--no-telemetry", "--cycles", "1000", "--record", path]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        deadline = time.monotonic() + 60.0
-        while not (path.exists() and path.stat().st_size > 1_000_000):
-            assert process.poll() is None
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
+        wait_until(lambda: path.exists() and path.stat().st_size > 1_000_000, process)
         os.kill(recorder_of(process), signal.SIGKILL)
         process.kill()
     return path
@@ -166,15 +165,9 @@ def test_recording_of_a_run_that_was_killed_has_its_footer(tmp_path: Path) -> No
     path = tmp_path / "run.rrd"
     command = [DELTAPH, "run", PAPER, "--no-telemetry", "--realtime", "--cycles", "1000", "--record", path]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        deadline = time.monotonic() + 60.0
-        while not path.exists():
-            assert process.poll() is None
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
+        wait_until(path.exists, process)
         process.kill()
-    while not has_footer(path):
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
+    wait_until(lambda: has_footer(path))
 
 
 @pytest.mark.parametrize("torn", [0, 1000])

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from integration.allocations import counting
-from integration.test_zenoh import free_endpoint
+from integration.waiting import free_endpoint
 
 from deltaph.fmu import cached_fmus
 from deltaph.frame import Frame, Frames

@@ -10,13 +10,12 @@ from pathlib import Path
 import pytest
 import zenoh
 from integration.test_cli import DELTAPH, PAPER
-from integration.test_zenoh import free_endpoint, wait_until
+from integration.waiting import DEADLINE, free_endpoint, wait_until
 
 from deltaph.telemetry import layout, open_router_session
 from deltaph.telemetry.session import collected
 
 NAMES = ("north", "south", "west")
-DEADLINE = 60.0  # [s]
 
 
 @contextmanager

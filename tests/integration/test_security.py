@@ -12,14 +12,13 @@ from pathlib import Path
 import pytest
 import zenoh
 from integration.test_cli import DELTAPH, PAPER
-from integration.test_zenoh import free_endpoint, wait_until
+from integration.waiting import DEADLINE, free_endpoint, wait_until
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.telemetry import Publisher, Subscriber
 from deltaph.telemetry.session import CONFIGURATIONS, open_client_session, replies
 
 CELL = "safe-cell"
-DEADLINE = 20.0  # [s]
 COMMAND = f"deltaph/{CELL}/command/trigger"
 
 # A cell whose session also answers a command, as `deltaph serve` does; it publishes when it is told to.
@@ -99,7 +98,7 @@ class Cell:
         return re.sub(r"\x1b\[[0-9;]*m", "", self.log.read_text(encoding="utf-8"))
 
     def wait_for(self, words: str) -> None:
-        wait_until(lambda: words in self.said())
+        wait_until(lambda: words in self.said(), self.process)
 
     def go_on(self) -> None:
         assert self.process.stdin is not None
@@ -210,7 +209,7 @@ def test_cell_that_serves_obeys_operators_only(certificates: Path) -> None:
 
     with subprocess.Popen([*serving, "--cell", CELL], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as cell:
         try:
-            with Subscriber(CELL, [endpoint], 3 * DEADLINE, config=edited("client", certificates)) as subscriber:
+            with Subscriber(CELL, [endpoint], DEADLINE, config=edited("client", certificates)) as subscriber:
                 subscriber.wait_for_cell(DEADLINE)
                 next(subscriber.messages(DEADLINE))  # it runs
                 refused = hold("reader")

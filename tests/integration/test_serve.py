@@ -16,17 +16,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from integration.serving_cell import (
     CELL,
-    DEADLINE,
     DELTAPH,
     Serving,
     answers_to,
     ask,
     following,
-    free_endpoint,
     serving,
     session,
-    wait_until,
 )
+from integration.waiting import DEADLINE, free_endpoint, wait_until
 
 from deltaph.errors import EnvironmentProblem, InfeasibleError
 from deltaph.execution import nearest_point

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from integration.read_back import Recording
-from integration.serving_cell import CELL, DEADLINE, DELTAPH, following, free_endpoint, serving
+from integration.serving_cell import CELL, DELTAPH, following, serving
 from integration.test_following import process
+from integration.waiting import DEADLINE, free_endpoint
 
 from deltaph.compare import compare
 from deltaph.errors import EnvironmentProblem

@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -19,17 +18,17 @@ import numpy as np
 import pytest
 import zenoh
 from integration.synthetic_cell import frames, replaced, values_of
+from integration.waiting import DEADLINE, free_endpoint, wait_until
 from zenoh import ext
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import Frame, Sink
 from deltaph.telemetry import DEFAULT_ENDPOINT, EVENT_KINDS, Message, Publisher, SinkProcess, Subscriber, layout, schema_document
 from deltaph.telemetry.publisher import HISTORY
-from deltaph.telemetry.session import open_client_session
+from deltaph.telemetry.session import open_client_session, replies
 from deltaph.telemetry.subscriber import _QUIET
 
 CELL = "test-cell"
-DEADLINE = 20.0  # [s]
 PLAIN_CLIENT = Path(__file__).parents[2] / "telemetry" / "plain_client.py"
 
 FOREIGN_READER = """
@@ -81,6 +80,35 @@ sys.stdin.read()
 """
 
 
+COUNTING_CELL = """
+import sys, threading, time
+from deltaph.telemetry import Publisher
+from deltaph.telemetry.session import open_client_session
+
+publisher = Publisher("cell1", "{}", listen=[sys.argv[1]])
+changes, end = [], time.monotonic() + 2.0
+
+def come_and_go(name):
+    with open_client_session(publisher.endpoints) as session:
+        session.declare_subscriber("deltaph/cell1/*", lambda _: None)
+        while time.monotonic() < end:
+            session.declare_subscriber(f"deltaph/cell1/{name}/{len(changes)}", lambda _: None).undeclare()
+            changes.append(name)
+
+threads = [threading.Thread(target=come_and_go, args=(name,)) for name in ("a", "b")]
+for thread in threads:
+    thread.start()
+counts = 0
+while time.monotonic() < end:
+    publisher.subscribers()
+    counts += 1
+for thread in threads:
+    thread.join()
+publisher.close()
+print(len(changes), counts)
+"""
+
+
 TALLYING_READER = """
 import json, sys
 from pathlib import Path
@@ -95,19 +123,6 @@ with Subscriber(cell, [endpoint], config=Path(config)) as subscriber:
         sequences.setdefault(name, []).append(int(record["sequence"]))
 print(json.dumps({"sequences": sequences, "missing": subscriber.missing, "summary": subscriber.summary}))
 """
-
-
-def free_endpoint() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-
-
-def wait_until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + DEADLINE
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
 
 
 def publish_in_real_time(publisher: Sink, offered: list[Frame]) -> None:
@@ -477,23 +492,44 @@ def test_what_is_no_endpoint_is_named(endpoint: str) -> None:
         Subscriber(CELL, [endpoint])
 
 
-def test_subscribers_are_counted_whatever_they_subscribe_to() -> None:
+def test_sessions_are_counted_once_one_of_them_subscribes_to_whatever_it_is() -> None:
     with cell() as publisher:
         with pytest.raises(EnvironmentProblem, match=r"0 of 1 Zenoh subscribers came within 0\.05 s"):
             publisher.wait_for_subscribers(1, 0.05)
-        config = zenoh.Config()
-        config.insert_json5("mode", '"client"')
-        config.insert_json5("connect/endpoints", json.dumps(publisher.endpoints))
-        config.insert_json5("scouting/multicast/enabled", "false")
-        with zenoh.open(config) as connected, zenoh.open(config) as other:
+        with open_client_session(publisher.endpoints, DEADLINE) as connected:
             connected.declare_subscriber("deltaph/another/setpoint", lambda _: None)
-            assert publisher.subscribers() == 0
-            connected.declare_subscriber("deltaph/**", lambda _: None)
-            publisher.wait_for_subscribers(1, DEADLINE)
-            assert publisher.subscribers() == 1
-            other.declare_subscriber(f"deltaph/{CELL}/timing", lambda _: None)
-            publisher.wait_for_subscribers(2, DEADLINE)
-            assert publisher.subscribers() == 2
+            with pytest.raises(EnvironmentProblem, match="0 of 1 "):
+                publisher.wait_for_subscribers(1, 0.5)
+            for key in ("deltaph/**", f"deltaph/{CELL}/timing"):
+                subscription = connected.declare_subscriber(key, lambda _: None)
+                publisher.wait_for_subscribers(1, DEADLINE)
+                assert publisher.subscribers() == 1
+                subscription.undeclare()  # type: ignore[no-untyped-call]
+                wait_until(lambda: publisher.subscribers() == 0)
+            connected.declare_subscriber(f"deltaph/{CELL}/*", lambda _: None)
+            with pytest.raises(EnvironmentProblem, match="1 of 2 "):
+                publisher.wait_for_subscribers(2, 0.5)
+            with open_client_session(publisher.endpoints, DEADLINE) as other:
+                other.declare_subscriber(f"deltaph/{CELL}/timing", lambda _: None)
+                publisher.wait_for_subscribers(2, DEADLINE)
+            wait_until(lambda: publisher.subscribers() == 1)
+
+
+def test_subscribers_that_come_and_go_do_not_stop_a_cell_that_counts_them() -> None:
+    """A query of Zenoh's administration space meanwhile did, within a second."""
+    command = [sys.executable, "-P", "-c", COUNTING_CELL, free_endpoint()]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    counting = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=DEADLINE, check=False)
+    assert counting.returncode == 0, counting.stderr
+    changes, counts = map(int, counting.stdout.split())
+    assert changes > 100
+    assert counts > 100
+
+
+def test_strangers_learn_nothing_of_a_cell_from_zenohs_administration_space() -> None:
+    with cell() as publisher, open_client_session(publisher.endpoints, DEADLINE) as session:
+        assert replies(session, f"deltaph/{CELL}/schema", 2.0)
+        assert replies(session, f"@/{publisher.session.zid()}/**", 2.0) == []
 
 
 def test_nobody_there_is_said_in_time() -> None:

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import TypeVar
 
 import pytest
-from integration.sinks import Broken, Gate, Steps, none_of_it, wait_until
+from integration.sinks import Broken, Gate, Steps, none_of_it
 from integration.synthetic_cell import random_frame
+from integration.waiting import wait_until
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import Sink
