@@ -21,8 +21,8 @@ from deltaph.variables import variable_table
 HISTORY = 30_000
 """Messages of each kind that are kept for those who come late or have lost some: 30 s at 1 kHz, some 60 MB once it is full."""
 
-_RARE = 20
-"""Plans and events, which are no more than 50 a second, are kept as long with so much less, and memory is full as soon."""
+_RARER = {"plan": 100, "event": 20}
+"""Plans are no more than 10 a second, events 50: they are kept as long with so much less, and memory is full as soon."""
 
 _HEARTBEAT = 0.5  # between two messages that tell Zenoh's own advanced subscribers how many there have been [s]
 _LINGER = 0.5  # after the summary, which tells a subscriber that it has lost the last messages: it may ask for them [s]
@@ -49,7 +49,7 @@ class Publisher:
         listen: endpoints that are asked for; see `open_cell_session`.
         connect: endpoints to connect to as well.
         config: a Zenoh configuration file; see `deltaph zenoh-config`.
-        history: messages of each kind that are kept; of plans and events a twentieth.
+        history: messages of each kind that are kept; of events a twentieth, of plans a hundredth.
 
     Raises:
         ValueError: the cell's name does not fit into a key.
@@ -169,7 +169,7 @@ class Publisher:
 
     def _publisher(self, name: MessageName) -> ext.AdvancedPublisher:
         drop = zenoh.CongestionControl.DROP
-        history = self._history if name in FRAME_MESSAGES else max(1, self._history // _RARE)
+        history = max(1, self._history // _RARER.get(name, 1))
         return ext.declare_advanced_publisher(
             self._session,
             self._keys.of(name),
