@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -298,6 +299,10 @@ def _unanswered(commands: dict[str, Any], cell: dict[str, Any], *, malformed: bo
     return failures
 
 
+def _undisturbed(minutes: float) -> str:
+    return f"undisturbed, {minutes:g} min"
+
+
 class Soak:
     """Runs the cases.
 
@@ -318,7 +323,7 @@ class Soak:
 
     def undisturbed(self, minutes: float) -> Observed:
         """A subscriber and a recorder, and nothing happens."""
-        name = f"undisturbed, {minutes:g} min"
+        name = _undisturbed(minutes)
         bare = self._bare(name)
         seconds = 60.0 * minutes
         with ExitStack() as stack:
@@ -459,8 +464,8 @@ def _print_commands(console: Console, found: Sequence[Observed]) -> None:
     console.print(table)
 
 
-def run_soak(minutes: float, priority: int | None, console: Console, log: Console) -> list[Observed]:
-    """Run all cases and print the table.
+def run_soak(minutes: float, priority: int | None, console: Console, log: Console) -> tuple[list[Observed], dict[str, str]]:
+    """Run all cases and print the table. A case that cannot be run to its end does not end the others.
 
     Args:
         minutes: of the undisturbed case; the others have their own lengths, two minutes together.
@@ -469,10 +474,10 @@ def run_soak(minutes: float, priority: int | None, console: Console, log: Consol
         log: for progress.
 
     Returns:
-        what came of every case.
+        what came of the cases, and why others, by name, could not be run to their ends.
 
     Raises:
-        DeltaphError: a process of the soak could not do its part.
+        DeltaphError: it is too short, or not possible on this system.
     """
     if not 0.05 <= minutes < math.inf:
         raise DeltaphError(f"--minutes is {minutes:g}: give at least 0.05")
@@ -480,15 +485,24 @@ def run_soak(minutes: float, priority: int | None, console: Console, log: Consol
         raise EnvironmentProblem("only Linux lets a process limit another's files and tells its memory: soak there")
     with tempfile.TemporaryDirectory(prefix="deltaph-soak-") as directory:
         soak = Soak(Path(directory), log, priority)
-        found = [soak.undisturbed(minutes), *(soak.disturbed(case) for case in CASES)]
-    _print_loop(console, found)
-    _print_messages(console, found)
-    _print_commands(console, found)
+        cases = {_undisturbed(minutes): partial(soak.undisturbed, minutes)}
+        cases |= {case.name: partial(soak.disturbed, case) for case in CASES}
+        found: list[Observed] = []
+        ended: dict[str, str] = {}
+        for name, run in cases.items():
+            try:
+                found.append(run())
+            except DeltaphError as error:
+                ended[name] = str(error)
+    if found:
+        _print_loop(console, found)
+        _print_messages(console, found)
+        _print_commands(console, found)
     for observed in found:
         if observed.growth:
             grown = ", ".join(f"{process} {value:+.1f} MB" for process, value in observed.growth.items())
             console.print(f"{observed.name}: memory after the first minute: {grown}", soft_wrap=True)
-    for observed in found:
-        for failure in observed.failures:
-            console.print(f"[bold red]{observed.name}[/]: {failure}", soft_wrap=True)
-    return found
+    failures = [(observed.name, failure) for observed in found for failure in observed.failures]
+    for name, failure in (*failures, *ended.items()):
+        console.print(f"[bold red]{name}[/]: {failure}", soft_wrap=True)
+    return found, ended

@@ -37,7 +37,8 @@ class FrameRing:
 
     def _attach(self) -> None:
         self._bytes = memoryview(self._memory).cast("B")
-        self._count = len(self._bytes) // record_dtype().itemsize
+        self._size = record_dtype().itemsize
+        self._count = len(self._bytes) // self._size
         self._at = 0  # where this end goes on
 
     def __getstate__(self) -> tuple[Any, ...]:
@@ -49,9 +50,10 @@ class FrameRing:
 
     def put(self, frame: Frame) -> bool:
         """Copy a frame in; False where there is no room."""
-        if not self._free.acquire(block=False):
+        if not self._free.acquire(False):
             return False
-        self._bytes[self._place(1)] = frame.record
+        begin = self._at * self._size
+        self._bytes[begin : begin + self._size] = frame.record
         self._at = (self._at + 1) % self._count
         self._filled.release()
         return True
@@ -62,13 +64,9 @@ class FrameRing:
         count = 0
         while count < room and self._filled.acquire(block=False):
             count += 1
-        block, size = memoryview(bytes(self._bytes[self._place(count)])), record_dtype().itemsize
+        begin, size = self._at * self._size, self._size
+        block = memoryview(bytes(self._bytes[begin : begin + count * size]))
         self._at = (self._at + count) % self._count
         for _ in range(count):
             self._free.release()
         return [Frame(block[k * size : (k + 1) * size]) for k in range(count)]
-
-    def _place(self, count: int) -> slice:
-        """Where the next records are."""
-        size = record_dtype().itemsize
-        return slice(self._at * size, (self._at + count) * size)

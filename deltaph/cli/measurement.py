@@ -35,8 +35,9 @@ def soak(
 
     The paper's case, there and back. Each case runs beside a bare loop, without consumers, for comparison. The first has a
     subscriber and a recorder and is left alone for --minutes; the others take two minutes together. The exit code is 1 where
-    messages were lost for good, came out of order, or service did not resume; lateness is shown, not judged. Without a real-time
-    priority the loops are late as well where they and the consumers want more processors than there are.
+    messages were lost for good, came out of order, service did not resume, or a case could not be run to its end; lateness is
+    shown, not judged. Without a real-time priority the loops are late as well where they and the consumers want more processors
+    than there are.
 
     Example: deltaph soak --minutes 0.5
     """
@@ -45,7 +46,7 @@ def soak(
     from deltaph.soak import run_soak
 
     check_writable(json_file)
-    found = run_soak(minutes, priority, tables(json_file), Console(stderr=True))
-    write_json(json_file, {"cases": [asdict(observed) for observed in found]})
-    if any(observed.failures for observed in found):
+    found, ended = run_soak(minutes, priority, tables(json_file), Console(stderr=True))
+    write_json(json_file, {"cases": [asdict(observed) for observed in found], "ended": ended})
+    if ended or any(observed.failures for observed in found):
         raise typer.Exit(1)
