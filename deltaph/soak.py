@@ -27,8 +27,8 @@ from deltaph.plan import Plan
 from deltaph.scenario import Scenario, parse_scenario, template
 from deltaph.soak_peer import FLOOD_SECONDS, STREAMING
 
-BARE_SECONDS = 6.0
-"""Of the bare loop beside each disturbance."""
+BARE_SECONDS = 60.0
+"""The bare loop beside each case runs as long as that, at most so long: a machine misses few deadlines, and not evenly."""
 
 SETTLED = 2.0
 """A consumer that was disturbed has this long, at least, to be back before the cell ends [s]."""
@@ -323,9 +323,8 @@ class Soak:
 
     def undisturbed(self, minutes: float) -> Observed:
         """A subscriber and a recorder, and nothing happens."""
-        name = _undisturbed(minutes)
-        bare = self._bare(name)
-        seconds = 60.0 * minutes
+        name, seconds = _undisturbed(minutes), 60.0 * minutes
+        bare = self._bare(name, seconds)
         with ExitStack() as stack:
             stage = self._stage(name, stack)
             stage.subscribe()
@@ -356,7 +355,7 @@ class Soak:
 
     def disturbed(self, case: _Case) -> Observed:
         """One disturbance."""
-        bare = self._bare(case.name)
+        bare = self._bare(case.name, case.seconds)
         with ExitStack() as stack, self._console.status(case.name):
             stage = self._stage(case.name, stack)
             if case.router:
@@ -391,11 +390,12 @@ class Soak:
         directory.mkdir(exist_ok=True)
         return _Stage(directory, self._scenario_file, self._scenario.cell, self._priority, stack)
 
-    def _bare(self, name: str) -> dict[str, Any]:
+    def _bare(self, name: str, seconds: float) -> dict[str, Any]:
+        seconds = min(seconds, BARE_SECONDS)
         with ExitStack() as stack, self._console.status(f"{name}: the bare loop"):
             stage = self._stage(name, stack)
-            stage.run(BARE_SECONDS, self._cycle, ["--no-telemetry"], name="bare")
-            stage.finish("bare", BARE_SECONDS + START_TIMEOUT)
+            stage.run(seconds, self._cycle, ["--no-telemetry"], name="bare")
+            stage.finish("bare", seconds + START_TIMEOUT)
             return stage.report("bare")
 
     def _observe(self, name: str, stage: _Stage, bare: dict[str, Any], seconds: float) -> Observed:
@@ -468,7 +468,7 @@ def run_soak(minutes: float, priority: int | None, console: Console, log: Consol
     """Run all cases and print the table. A case that cannot be run to its end does not end the others.
 
     Args:
-        minutes: of the undisturbed case; the others have their own lengths, two minutes together.
+        minutes: of the undisturbed case; the others have their own lengths, one and a half minutes together.
         priority: of the step loops, see `Undisturbed`; None is that of `deltaph run --realtime`.
         console: for the table.
         log: for progress.

@@ -69,7 +69,10 @@ def run(
         typer.Option("--listen", metavar="ENDPOINT", help="Zenoh endpoint to listen on (default tcp/127.0.0.1:7447)"),
     ] = None,
     wait_subscribers: Annotated[
-        int, typer.Option("--wait-subscribers", metavar="N", help="wait up to 60 s until N Zenoh subscribers are there", min=0)
+        int,
+        typer.Option(
+            "--wait-subscribers", metavar="N", help="wait up to 60 s for N Zenoh sessions, at least one a subscriber", min=0
+        ),
     ] = 0,
     zenoh_config: ZenohConfigOption = None,
     cell: Annotated[str | None, typer.Option("--cell", metavar="NAME", help="name of the cell, instead of the scenario's")] = None,
