@@ -318,13 +318,17 @@ class Subscriber:
             if reply.ok is not None:
                 self._samples.put(reply.ok)
 
-        self._session.get(
-            f"{stream.kept}?{which}",
-            zenoh.handlers.Callback(take, lambda: self._samples.put(answered)),
-            accept_replies=zenoh.ReplyKeyExpr.ANY,
-            consolidation=zenoh.ConsolidationMode.NONE,
-            timeout=_KEPT_TIMEOUT,
-        )
+        try:
+            self._session.get(
+                f"{stream.kept}?{which}",
+                zenoh.handlers.Callback(take, lambda: self._samples.put(answered)),
+                accept_replies=zenoh.ReplyKeyExpr.ANY,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                timeout=_KEPT_TIMEOUT,
+            )
+        except zenoh.ZError:
+            if not self._session.is_closed():  # by `close`, while a publisher came: nobody reads any more
+                raise
 
     def _give_up(self, asking: Sequence[_Stream]) -> Iterator[Message]:
         """End queries whose end did not come in time."""

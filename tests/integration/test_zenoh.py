@@ -13,6 +13,7 @@ from contextlib import ExitStack, contextmanager
 from functools import partial
 from operator import attrgetter, methodcaller
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -530,6 +531,14 @@ def test_strangers_learn_nothing_of_a_cell_from_zenohs_administration_space() ->
     with cell() as publisher, open_client_session(publisher.endpoints, DEADLINE) as session:
         assert replies(session, f"deltaph/{CELL}/schema", 2.0)
         assert replies(session, f"@/{publisher.session.zid()}/**", 2.0) == []
+
+
+def test_publisher_that_comes_while_a_subscriber_closes_is_no_error() -> None:
+    with cell() as publisher:
+        subscriber = Subscriber(CELL, publisher.endpoints, timeout=DEADLINE)
+        subscriber.close()
+        token = f"deltaph/{CELL}/setpoint/@adv/pub/{publisher.session.zid()}/99/_"
+        subscriber._on_publisher(SimpleNamespace(key_expr=token, kind=zenoh.SampleKind.PUT))  # type: ignore[arg-type]
 
 
 def test_nobody_there_is_said_in_time() -> None:
