@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -37,9 +38,16 @@ PriorityOption = Annotated[
 ]
 
 
+PIPE_WIDTH = 132
+"""Columns of text for a file or a pipe, unless COLUMNS says how many: no table is cut off."""
+
+
 def tables(*outputs: Path | None) -> Console:
     """Where tables go: not to standard output when data goes there."""
-    return Console(stderr=STDOUT in outputs, highlight=False)
+    console = Console(stderr=STDOUT in outputs, highlight=False)
+    if not console.is_terminal and "COLUMNS" not in os.environ:
+        console.width = PIPE_WIDTH
+    return console
 
 
 def write_json(path: Path | None, facts: dict[str, Any]) -> None:

@@ -418,3 +418,12 @@ def test_interrupt_leaves_a_readable_recording(tmp_path: Path, number: signal.Si
     rerun = DELTAPH.with_name("rerun")
     subprocess.run([rerun, "rrd", "verify", recording], check=True, capture_output=True)
     assert [path.name for path in tmp_path.iterdir()] == ["paper.rrd"]
+
+
+@pytest.mark.parametrize(("environment", "widest"), [({}, 132), ({"COLUMNS": "60"}, 60)])
+def test_tables_in_a_pipe_are_as_wide_as_they_need(environment: dict[str, str], widest: int, tmp_path: Path) -> None:
+    code = "from deltaph.cli.options import tables; from rich.table import Table; t = Table('x' * 300); tables().print(t)"
+    plain = {name: value for name, value in os.environ.items() if name != "COLUMNS"}
+    command = [sys.executable, "-P", "-c", code]
+    done = subprocess.run(command, cwd=tmp_path, env=plain | environment, capture_output=True, text=True, timeout=60, check=True)
+    assert max(map(len, done.stdout.splitlines())) == widest
