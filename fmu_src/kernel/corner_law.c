@@ -123,17 +123,30 @@ void dph_corner_law_make(const dph_corner *corner, double entry_speed, double mi
         series_at(law, law->gamma[i], law->series[i]);
 }
 
-/* Newton's method (27) carried to third order: where t(gamma) is off, the series over what is missing. Returned: the number of steps. */
-static int invert(const dph_corner_law *law, double time, double *gamma)
+/* The panel that a value is in, by the ends of the panels. */
+static int panel_of(const dph_corner_law *law, const double end[], double value)
 {
-    int low = 0, high = law->panels, step = 0;
+    int low = 0, high = law->panels;
     while (high - low > 1) {
         int middle = (low + high) / 2;
-        if (law->time[middle] <= time)
+        if (end[middle] <= value)
             low = middle;
         else
             high = middle;
     }
+    return low;
+}
+
+double dph_corner_law_time(const dph_corner_law *law, double gamma)
+{
+    int panel = panel_of(law, law->gamma, gamma);
+    return law->time[panel] + time_between(law, law->gamma[panel], gamma);
+}
+
+/* Newton's method (27) carried to third order: where t(gamma) is off, the series over what is missing. Returned: the number of steps. */
+static int invert(const dph_corner_law *law, double time, double *gamma)
+{
+    int low = panel_of(law, law->time, time), high = low + 1, step = 0;
     double left = law->gamma[low], right = law->gamma[high], before;
     int nearest = time - law->time[low] < law->time[high] - time ? low : high;
     double from = law->gamma[nearest], since = time - law->time[nearest], next = after(from, law->series[nearest], since), series[3];

@@ -51,6 +51,9 @@ void dph_corner_frame(const dph_corner *corner, double length, dph_corner_walk *
 /* Path speed v(gamma) [m/s], eq. (16). */
 double dph_corner_speed(const dph_corner_law *law, double gamma);
 
+/* The time t(gamma) from the corner's start [s], eq. (20), for gamma in [0, 1]. */
+double dph_corner_law_time(const dph_corner_law *law, double gamma);
+
 /* Position, velocity, acceleration, jerk in the corner's plane, [order][x, y], and arc length from the corner's start [m]. */
 void dph_corner_law_motion(const dph_corner_law *law, double gamma, double motion[4][2], double *length);
 

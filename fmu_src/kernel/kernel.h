@@ -200,7 +200,7 @@ typedef struct dph_corner_law {
     dph_corner corner;
     double entry_speed, mid_speed; /* V_B, V_N [m/s] */
     double duration;               /* T_2 [s] */
-    int panels;                    /* 16 for V_N of about V_B, all 48 below V_B / 20 */
+    int panels;                    /* 16 for V_N of about V_B, 30 to 48 far from it */
     int pieces;                    /* of six quadrature points to a panel: 1, 2, 4 or 8 */
     double gamma[DPH_PANELS + 1];  /* panel ends */
     double time[DPH_PANELS + 1];   /* t(gamma) there [s] */
@@ -212,7 +212,8 @@ void dph_corner_law_make(const dph_corner *corner, double entry_speed, double mi
 
 /* The curve parameters at n times in [0, duration] [s] (eq. (27)).
  * Returned: gamma (n); steps (n), how many of Newton's method each took, or NULL where nobody asks.
- * Cost:     a step costs six evaluations of sigma / v per piece and a series: 0.06 us for one, which is what V_N > V_B / 20 takes. */
+ * Cost:     a step costs six evaluations of sigma / v per piece and a series: 0.06 us for one. V_N from V_B / 30 to 16 V_B takes one but
+ *           for a few times around 2 V_B, V_N further from V_B two, and five at 1e15 V_B. */
 void dph_corner_law_gamma(const dph_corner_law *law, int n, const double *time, double *gamma, int *steps);
 
 /* ---- Plan (plan.c; paper.c, superposition.c, paper_limited.c and time_optimal.c hold the laws) ------------------------------------------- */

@@ -1,9 +1,15 @@
 /* Peaks of a plan over continuous time. */
 #include <limits.h>
 #include <math.h>
+#include <stddef.h>
 #include <string.h>
 
+#include "corner_law.h"
 #include "laws.h"
+
+/* A corner is scanned by its curve parameter where V_N / V_B is beyond these: evenly spaced times would nearly all lie where it is slow,
+ * its ends or its middle, and pass over the rest of its way. */
+static const double least_ratio = 1.0 / 20.0, greatest_ratio = 4.0;
 
 static double norm(const double v[3])
 {
@@ -59,10 +65,37 @@ static double refine(const dph_plan *plan, int piece, int channel, double low, d
 /* Work of a scan and of refine() [units]: half a unit per setpoint. */
 enum { SCAN_UNITS = DPH_SCAN / 2, REFINE_UNITS = 21 };
 
-static void scan(const dph_plan *plan, dph_peak_search *s, double begin, double step)
+/* The motion law of a piece that is a corner of very unequal speeds, or NULL. */
+static const dph_corner_law *unequal_corner(const dph_plan *plan, int piece)
+{
+    if (plan->task.law != DPH_LAW_PAPER && plan->task.law != DPH_LAW_PAPER_LIMITED)
+        return NULL;
+    const dph_corner_law *law = piece == 1 ? &plan->side[0].corner : piece == 4 ? &plan->side[1].corner : NULL;
+    if (!law || (law->mid_speed >= least_ratio * law->entry_speed && law->mid_speed <= greatest_ratio * law->entry_speed))
+        return NULL;
+    return law;
+}
+
+/* The times of a scan [s]; 0 where the piece is empty. */
+static int scan_times(const dph_plan *plan, int piece, double time[DPH_SCAN + 1])
+{
+    double factor = plan->speed_factor, begin = plan->boundary[piece] / factor, end = plan->boundary[piece + 1] / factor;
+    double step = (end - begin) / DPH_SCAN;
+    const dph_corner_law *law = unequal_corner(plan, piece);
+    for (int i = 0; i <= DPH_SCAN; ++i) {
+        time[i] = begin + step * i;
+        if (law && piece == 1)
+            time[i] = begin + dph_corner_law_time(law, (double)i / DPH_SCAN) / factor;
+        else if (law) /* the place side runs backwards */
+            time[i] = end - dph_corner_law_time(law, (double)(DPH_SCAN - i) / DPH_SCAN) / factor;
+    }
+    return step > 0.0;
+}
+
+static void scan(const dph_plan *plan, dph_peak_search *s, const double time[DPH_SCAN + 1])
 {
     for (int i = 0; i <= DPH_SCAN; ++i) {
-        channels_at(plan, s->piece, begin + step * i, s->scan[i]);
+        channels_at(plan, s->piece, time[i], s->scan[i]);
         for (int c = 0; c < DPH_CHANNELS; ++c)
             s->greatest[c] = fmax(s->greatest[c], s->scan[i][c]);
     }
@@ -79,15 +112,14 @@ void dph_peaks_begin(dph_peak_search *s)
 int dph_peaks_continue(const dph_plan *plan, dph_peak_search *s, int *units)
 {
     for (; s->piece < plan->pieces; ++s->piece, s->channel = -1) {
-        double begin = plan->boundary[s->piece] / plan->speed_factor;
-        double step = (plan->boundary[s->piece + 1] / plan->speed_factor - begin) / DPH_SCAN;
-        if (!(step > 0.0))
+        double time[DPH_SCAN + 1];
+        if (!scan_times(plan, s->piece, time))
             continue;
         if (s->channel < 0) {
             if (*units <= 0)
                 return 0;
             *units -= SCAN_UNITS;
-            scan(plan, s, begin, step);
+            scan(plan, s, time);
             memcpy(s->peak, s->greatest, sizeof s->peak);
             s->channel = s->sample = 0;
         }
@@ -101,7 +133,7 @@ int dph_peaks_continue(const dph_plan *plan, dph_peak_search *s, int *units)
                 if (*units <= 0)
                     return 0;
                 *units -= REFINE_UNITS;
-                s->peak[c] = fmax(s->peak[c], refine(plan, s->piece, c, begin + step * before, begin + step * after));
+                s->peak[c] = fmax(s->peak[c], refine(plan, s->piece, c, time[before], time[after]));
             }
         }
         memcpy(s->greatest, s->peak, sizeof s->peak);

@@ -12,6 +12,9 @@
 /* A pick point this near to where the robot rests is taken to be there; setpoints begin where it rests all the same. */
 static const double at_pick_tolerance = 1e-6;
 
+/* No task may have more [kg]. */
+static const double greatest_payload = 1e6;
+
 static dph_task task_from(const Variables *v)
 {
     dph_task task;
@@ -181,14 +184,16 @@ static void write_outputs(Model *m)
     v->plan_busy = m->is_running || m->is_waiting || m->is_planning;
 }
 
-/* Rest at the pick point; where that is out of reach the task will be refused, and the arms are level. */
+/* Rest at the pick point; where that is out of reach the task will be refused, and the arms are level. So will a payload beyond its bounds,
+ * which is held as far as they go: torques are those of a mass, and finite. */
 static void rest_at_pick(Model *m)
 {
     static const double level[3] = {0.0, 0.0, 0.0};
+    double payload = fmin(fmax(m->v.payload_mass, 0.0), greatest_payload);
     memcpy(m->rest, m->v.task_pick, sizeof m->rest);
-    if (dph_rest(&m->robot, m->rest, m->v.payload_mass, &m->standby).status != DPH_STATUS_OK) {
+    if (dph_rest(&m->robot, m->rest, payload, &m->standby).status != DPH_STATUS_OK) {
         (void)dph_forward_kinematics(&m->robot, level, m->rest);
-        (void)dph_rest(&m->robot, m->rest, m->v.payload_mass, &m->standby);
+        (void)dph_rest(&m->robot, m->rest, payload, &m->standby);
     }
 }
 

@@ -218,14 +218,8 @@ static void run_period(Model *m, uint64_t sample, const ModelLog *log)
         load_add(&m->drive, &m->axis[i], energy[i], &m->load[i]);
     if (verdict.status != DPH_STATUS_OK)
         trips_stop(m, &verdict, steps, log);
-    else if ((m->v.trip != TRIP_NONE || !m->v.servo_on) && mechanism_is_caught(mechanism))
+    else if ((m->v.trip != TRIP_NONE || !m->v.servo_on) && !mechanism->locked && mechanism_is_caught(mechanism))
         mechanism_lock(mechanism);
-}
-
-/* Nothing happens any more. */
-static int is_over(const Model *m)
-{
-    return m->v.trip != TRIP_NONE && m->mechanism.locked;
 }
 
 void model_step(void *model, uint32_t n, const ModelLog *log)
@@ -237,7 +231,7 @@ void model_step(void *model, uint32_t n, const ModelLog *log)
         verdict = mechanism_update(&m->mechanism, &m->drive, m->axis, 2);
     if (verdict.status != DPH_STATUS_OK)
         trips_stop(m, &verdict, (double)m->steps, log);
-    for (uint64_t sample = 0; sample < (uint64_t)n * SAMPLES_PER_STEP && !is_over(m); ++sample)
+    for (uint64_t sample = 0; sample < (uint64_t)n * SAMPLES_PER_STEP; ++sample)
         run_period(m, sample, log);
     m->steps += n;
     write_outputs(m, n * MODEL_STEP);

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes as c
 import math
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -45,6 +46,20 @@ def test_a_wrong_step_is_found_however_late_it_is(slave: FmiSlave) -> None:
     slave.initialize(start=1e8)
     assert slave.step(1e8) == OK
     assert slave.step(1e8) == ERROR
+
+
+@pytest.mark.parametrize("size", [1e-3 + 2e-9, 1.2e-3])
+def test_a_step_off_the_grid_is_found_however_late_it_is(slave: FmiSlave, size: float) -> None:
+    slave.initialize(start=1e6)
+    assert slave.step(1e6, size) == (ERROR if slave.version == 2 else DISCARD)
+
+
+@pytest.mark.parametrize("start", [0.1, 1e6, 1.8e9])
+def test_a_step_may_be_the_difference_of_two_times(slave: FmiSlave, start: float) -> None:
+    slave.initialize(start=start)
+    times = [start + n * 1e-3 for n in range(50)]
+    for before, after in pairwise(times):
+        assert slave.step(before, after - before) == OK, slave.messages
 
 
 @pytest.mark.parametrize("size", [0.0, -1e-3, math.nan, -math.inf])

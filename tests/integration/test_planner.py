@@ -217,6 +217,18 @@ def test_an_infeasible_task_is_a_result_and_the_robot_rests(planner: FmiSlave, v
     assert planner.messages
 
 
+@pytest.mark.parametrize(("payload", "held"), [(-5.0, 0.0), (1e308, 1e6)])
+def test_a_payload_that_is_refused_is_held_within_bounds(planner: FmiSlave, payload: float, held: float) -> None:
+    set_all(planner, {"payload.mass": payload})
+    planner.initialize()
+    assert STATUS[int(planner.get("plan.status")[0])] == "invalid_value"
+    torques = planner.get(*(f"joint[{i}].torque" for i in (1, 2, 3)))
+    planner.call("Reset")
+    set_all(planner, {"payload.mass": held, "task.trigger": 0})
+    planner.initialize()
+    assert planner.get(*(f"joint[{i}].torque" for i in (1, 2, 3))) == torques
+
+
 def test_the_task_is_that_of_the_moment_of_the_request(planner: FmiSlave) -> None:
     planner.initialize()
     play(planner, 0, 10)

@@ -1,5 +1,6 @@
 """DeltaPlant: rests where it starts, follows its reference, trips when it has to, and stays finite whatever it is given."""
 
+import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -218,8 +219,22 @@ def test_deviation_trips_and_the_trip_latches(plant: FmiSlave) -> None:
     assert plant.put({"joint[2].position_ref": home}) == OK
     rows = run(plant, 1, 300)
     assert trip(plant) == "position_deviation"
-    assert (rows[0] == rows[-1]).all()
+    going_on = [v.name.endswith((".load", ".torque_rms")) for v in plant.table.of("output")]
+    assert (rows[0] == rows[-1])[np.logical_not(going_on)].all()
+    assert (rows[0] > rows[-1])[going_on].all()
     assert plant.get("motor[1].torque", "motor[2].torque", "motor[3].torque") == [0.0] * 3
+
+
+def test_motors_cool_after_a_trip(plant: FmiSlave) -> None:
+    plant.initialize()
+    assert plant.step(0.0, 5.0) == OK
+    assert plant.put({"encoder[1].offset": 0.5}) == OK
+    assert plant.step(5.0, 0.1) == OK
+    hot = plant.get(*(f"motor[{i}].load" for i in (1, 2, 3)))
+    assert plant.get("trip") != [0]
+    assert plant.step(5.1, 10.0) == OK
+    cooled = plant.get(*(f"motor[{i}].load" for i in (1, 2, 3)))
+    assert cooled == pytest.approx([x * math.exp(-10.0 / 25.0) for x in hot], rel=1e-9)
 
 
 def test_a_moving_robot_brakes_to_a_standstill(plant: FmiSlave) -> None:
