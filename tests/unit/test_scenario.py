@@ -229,3 +229,12 @@ def test_unreadable_files(tmp_path: Path) -> None:
 
 def test_the_template_is_the_papers_case() -> None:
     assert template() == (ROOT / "scenarios" / "paper.toml").read_text(encoding="utf-8")
+
+
+def test_a_feed_that_ends_in_a_standstill_is_refused_also_where_two_overrides_share_a_time() -> None:
+    def feed(*overrides: float) -> str:
+        return template() + "".join(f"\n[[feed]]\ntime_ms = 100.0\noverride = {override}\n" for override in overrides)
+
+    with pytest.raises(ScenarioError, match=r"the last override is 0, too slow to arrive: end with at least 0\.01"):
+        parse_scenario(feed(1.0, 0.0), PATH)
+    assert [change.override for change in parse_scenario(feed(0.0, 1.0), PATH).feed] == [0.0, 1.0]
