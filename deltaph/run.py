@@ -126,8 +126,7 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
             "sequence": sequence_facts(scenario, run),
             "operations": operation_facts(run, execution),
             "executed": executed_facts(execution),
-            "timing": timing_facts(trace, realtime=options.realtime is not None)
-            | {"realtime_priority": options.realtime.priority if options.realtime is not None else 0},
+            "timing": timing_facts(trace, options.realtime),
             "telemetry": {
                 "published": publisher.ask(attrgetter("published")) if publisher is not None else 0,
                 "dropped": publisher.dropped if publisher is not None else 0,
@@ -141,7 +140,7 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
         if recorder is not None:
             recorder.tell(partial(record_summary, scenario=scenario, facts=facts))
 
-    print_run(console, scenario, run, facts, execution, trace, checks, realtime=options.realtime is not None)
+    print_run(console, scenario, run, facts, execution, checks)
     if options.record is not None:
         log.print(f"recorded {options.record}: open it with `deltaph view {options.record}`", style="dim", soft_wrap=True)
     return Result(frames, facts, all(check.ok for check in checks))

@@ -13,6 +13,7 @@ from deltaph.frame import Frame
 from deltaph.importer import cosimulate
 from deltaph.outputs import planner_columns
 from deltaph.plan import Plan
+from deltaph.report import timing_facts
 from deltaph.scenario import Scenario, load_scenario, parse_scenario, template
 from deltaph.schedule import Schedule, schedule
 
@@ -83,6 +84,17 @@ def test_longer_communication_steps() -> None:
     execution = evaluate(Trace(frames_of(scenario, run)), run)
     assert execution.trip == "none"
     assert execution.corner_deviation == pytest.approx([0.006] * 2, abs=2e-4)
+
+
+def test_a_run_of_one_communication_step_has_a_report() -> None:
+    text = template().replace("communication_step_ms = 1.0", "communication_step_ms = 1000.0")
+    scenario = parse_scenario(text.replace("settle_ms = 50.0", "settle_ms = 0.0"), Path("one.toml"))
+    run = schedule(scenario)
+    assert run.steps == 1
+    trace = Trace(frames_of(scenario, run))
+    for name in ("step_us", "publish_us", "lateness_us"):
+        assert timing_facts(trace, None)[name]["max"] >= 0.0
+    assert executed_values(evaluate(trace, run))["arrival_ms"] == [1000.0]
 
 
 def test_payload_reaches_both_fmus() -> None:
