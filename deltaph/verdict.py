@@ -248,7 +248,8 @@ def _feed(scenario: Scenario, facts: Mapping[str, Any]) -> Iterator[str]:
     """How the feed was changed, and what that cost."""
     if scenario.feed:
         changes = ", ".join(f"{100.0 * change.override:g} % from {1e3 * change.time:g} ms on" for change in scenario.feed)
-        yield f"Feed override: {changes}; arrived at {1e3 * facts['executed']['arrival_s']:g} ms."
+        arrival = facts["executed"]["arrival_s"]
+        yield f"Feed override: {changes}; " + ("not arrived." if arrival is None else f"arrived at {1e3 * arrival:g} ms.")
         yield ""
 
 
