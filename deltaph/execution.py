@@ -97,8 +97,8 @@ class Execution:
         overshoot: largest excursion outside the right-angle paths [m].
         tracking_error_joint_max: [rad].
         tracking_error_tcp_max: [m].
-        motor_torque_max: of each motor [N m].
-        motor_torque_rms: of each motor, from the first start to the last arrival [N m].
+        motor_torque_max: of each motor, from the beginning of the run to the last arrival [N m].
+        motor_torque_rms: likewise [N m].
         motor_load_max: greatest thermal load of each motor; 1 is that of the rated torque.
         motor_work: mechanical energy that each motor gave, per operation [J].
         motor_regenerated: mechanical energy that each motor took back, per operation [J].

@@ -159,7 +159,7 @@ class Scenario:
         plant: parameters of the plant that are not the robot's.
         feed: overrides in order of time.
         faults: in order of time.
-        communication_step: whole number of milliseconds.
+        communication_step_ms: a whole number [ms].
         settle: co-simulated after arrival [s].
         cell: name of the cell in Zenoh keys.
         expect: expectations, in the file's units.
