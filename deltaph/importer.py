@@ -277,11 +277,14 @@ def _cell(
 WARM_UP_STEPS = 50
 """Enough for every page of code and data that a step touches; other instances take them: the run's state is untouched."""
 
+WARM_UP_NS = 1_000_000
+"""Between two of them, however long the run's steps are: at 1 s the run would begin a minute late [ns]."""
+
 
 def _warm_up(scenario: Scenario, fmus: Mapping[Model, Path], directory: Path, size: float) -> None:
     with contextlib.ExitStack() as stack:
         planner, plant, link = _cell(scenario, fmus, directory, stack)
-        pacer = Pacer(round(size * 1e9))
+        pacer = Pacer(WARM_UP_NS)
         pacer.begin()
         for n in range(WARM_UP_STEPS):
             link.move()

@@ -1,5 +1,6 @@
 """The main job without telemetry: every scenario meets its own expectations; cycles, steps and frames are what they should be."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from deltaph.fmu import cached_fmus
 from deltaph.frame import Frame
 from deltaph.importer import cosimulate
 from deltaph.outputs import planner_columns
+from deltaph.pacing import Pacer, Undisturbed
 from deltaph.plan import Plan
 from deltaph.report import timing_facts
 from deltaph.scenario import Scenario, load_scenario, parse_scenario, template
@@ -95,6 +97,21 @@ def test_a_run_of_one_communication_step_has_a_report() -> None:
     for name in ("step_us", "publish_us", "lateness_us"):
         assert timing_facts(trace, None)[name]["max"] >= 0.0
     assert executed_values(evaluate(trace, run))["arrival_ms"] == [1000.0]
+
+
+def test_warming_up_does_not_take_longer_where_steps_are_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = template().replace("communication_step_ms = 1.0", "communication_step_ms = 1000.0")
+    scenario = parse_scenario(text, Path("one.toml"))
+    steps: list[int] = []
+
+    def pacer(step_ns: int) -> Pacer:
+        steps.append(step_ns)
+        return Pacer(step_ns, sleep_until=lambda _: None, clock=itertools.count(0, step_ns).__next__)
+
+    monkeypatch.setattr("deltaph.importer.Pacer", pacer)
+    frames = list(cosimulate(scenario, schedule(scenario), cached_fmus(), realtime=Undisturbed()))
+    assert len(frames) == 2
+    assert steps == [1_000_000, 1_000_000_000]
 
 
 def test_payload_reaches_both_fmus() -> None:
