@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from functools import partial
 from operator import attrgetter, methodcaller
@@ -109,7 +109,9 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
         stepping = cosimulate(
             scenario, run, fmus, realtime=options.realtime, dropped=lambda: sum(sink.dropped for sink in sinks), frames=frames
         )
-        for frame in _with_progress(stepping, run, log):
+        # where it is interrupted, what it asks of the system is undone before the sinks are finished
+        stack.enter_context(closing(stepping))
+        for frame in stack.enter_context(closing(_with_progress(stepping, run, log))):
             for sink in sinks:
                 sink.take(frame)
 
@@ -197,7 +199,7 @@ def recording(path: Path, scenario: Scenario, log: Console, stack: ExitStack, *,
     return sink
 
 
-def _with_progress(frames: Iterator[Frame], run: Schedule, log: Console) -> Iterator[Frame]:
+def _with_progress(frames: Iterator[Frame], run: Schedule, log: Console) -> Generator[Frame, None, None]:
     """Pass frames on and show how far the run has come, where somebody watches and it takes long enough to see."""
     if not log.is_terminal:
         yield from frames

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import signal
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from functools import partial
 from operator import attrgetter, methodcaller
 from pathlib import Path
@@ -105,6 +105,7 @@ def serve_scenario(path: Path, options: Options, console: Console, log: Console)
             dropped=lambda: sum(sink.dropped for sink in sinks),
             frames=frames,
         )
+        stack.enter_context(closing(stepping))  # where it is interrupted, what it asks of the system is undone first
         publisher.ask(ServingPublisher.serve)
         log.print("takes commands: see `deltaph command --help`; Ctrl-C ends it", style="dim", soft_wrap=True)
         with _ending(attendant.end):

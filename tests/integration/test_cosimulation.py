@@ -1,21 +1,25 @@
 """The main job without telemetry: every scenario meets its own expectations; cycles, steps and frames are what they should be."""
 
+import gc
 import itertools
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from deltaph.checks import evaluate_expectations, executed_values, planned_values
 from deltaph.errors import InfeasibleError
 from deltaph.execution import Trace, evaluate, nearest_point, overshoot
 from deltaph.fmu import cached_fmus
-from deltaph.frame import Frame
+from deltaph.frame import Frame, ListSink
 from deltaph.importer import cosimulate
 from deltaph.outputs import planner_columns
 from deltaph.pacing import Pacer, Undisturbed
 from deltaph.plan import Plan
 from deltaph.report import timing_facts
+from deltaph.run import Options, run_scenario
 from deltaph.scenario import Scenario, load_scenario, parse_scenario, template
 from deltaph.schedule import Schedule, schedule
 
@@ -112,6 +116,32 @@ def test_warming_up_does_not_take_longer_where_steps_are_longer(monkeypatch: pyt
     frames = list(cosimulate(scenario, schedule(scenario), cached_fmus(), realtime=Undisturbed()))
     assert len(frames) == 2
     assert steps == [1_000_000, 1_000_000_000]
+
+
+def test_an_interrupted_loop_gives_back_what_it_has_of_the_system_before_its_sinks_are_finished(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    collected: list[bool] = []
+
+    class Interrupted(ListSink):
+        dropped = 0
+
+        def await_open(self) -> None:
+            pass
+
+        def take(self, frame: Frame) -> None:
+            if frame.step == 5:
+                raise KeyboardInterrupt
+
+    def recording(_path: Path, _scenario: Scenario, _log: Console, stack: ExitStack, **_: bool) -> Interrupted:
+        stack.callback(lambda: collected.append(gc.isenabled()))
+        return Interrupted()
+
+    monkeypatch.setattr("deltaph.run.recording", recording)
+    options = Options(record=tmp_path / "paper.rrd", realtime=Undisturbed(), telemetry=False)
+    with pytest.raises(KeyboardInterrupt):
+        run_scenario(SCENARIOS[0].with_name("paper.toml"), options, Console(), Console(stderr=True, force_terminal=True))
+    assert collected == [True]
 
 
 def test_payload_reaches_both_fmus() -> None:
