@@ -404,7 +404,8 @@ def print_serving(console: Console, scenario: Scenario, facts: Mapping[str, Any]
 
 def trip_text(executed: Mapping[str, Any]) -> str:
     """Why the plant of a JSON report tripped, and at which axis where one is meant."""
-    return executed["trip"] + (f" of axis {executed['trip_axis']}" if executed["trip_axis"] else "")
+    axis = f" of axis {executed['trip_axis']}" if executed["trip_axis"] else ""
+    return f"{executed['trip']}{axis}"
 
 
 def _missed_text(timing: Mapping[str, Any]) -> str:
