@@ -209,8 +209,9 @@ class Tally:
     def _evaluate_corners(self, frames: list[Frame]) -> None:
         while self._begun and self._begun[0].step <= frames[-1].step:
             begins = self._begun.popleft()
-            self._approach([frame for frame in frames if frame.step < begins.step])
-            self._finish(frames[-1])
+            before = [frame for frame in frames if frame.step < begins.step]
+            self._approach(before)
+            self._finish(before[-1] if before else frames[0])  # a trip behind it is the next plan's
             self._running, self._nearest = begins, [_Approach(), _Approach()]
         self._approach(frames)
 
