@@ -30,9 +30,6 @@ from deltaph.telemetry.session import free_endpoint
 BARE_SECONDS = 6.0
 """Of the bare loop beside each disturbance."""
 
-SETTLED = 2.0
-"""A consumer that was disturbed has this long, at least, to be back before the cell ends [s]."""
-
 START_TIMEOUT = 60.0
 """For a process to be ready; the FMUs may have to be compiled [s]."""
 

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from integration.sinks import ListSink
 from rich.console import Console
 
 from deltaph.checks import evaluate_expectations, executed_values, planned_values
 from deltaph.errors import InfeasibleError
 from deltaph.execution import Trace, evaluate, nearest_point, overshoot
 from deltaph.fmu import cached_fmus
-from deltaph.frame import Frame, ListSink
+from deltaph.frame import Frame
 from deltaph.importer import cosimulate
 from deltaph.outputs import planner_columns
 from deltaph.pacing import Pacer, Undisturbed
