@@ -43,6 +43,8 @@ def _bound(expectation: Expectation) -> str:
 
 
 def _check(name: str, expectation: Expectation, values: Sequence[float]) -> Check:
+    if not values:
+        return Check(name, "none", _bound(expectation), False)
     low, high = expectation.low, expectation.high
 
     def excess(value: float) -> float:
@@ -83,17 +85,19 @@ def executed_values(execution: Execution) -> dict[str, list[float]]:
 
 
 def evaluate_expectations(expect: ExpectSection, values: dict[str, list[float]], trip: str | None = None) -> list[Check]:
-    """Check every expectation for which there is a value. A plan that was to be refused and was not is a missed expectation.
+    """Check every expectation on what was looked at; what was looked for and not found, such as an arrival, is missed.
+
+    A plan that was to be refused and was not is a missed expectation.
 
     Args:
         expect: what is expected.
-        values: what was found, by key.
+        values: what was found, by key; what was not looked at, such as what is executed of a plan, has none.
         trip: why the plant tripped; None where nothing was run. A run that trips has to be expected to.
     """
     checks = [
         _check(name, expectation, values[name])
         for name in ExpectSection.model_fields
-        if isinstance(expectation := getattr(expect, name), Expectation) and values.get(name)
+        if isinstance(expectation := getattr(expect, name), Expectation) and name in values
     ]
     if trip is not None and (expect.trip is not None or trip != "none"):
         expected = expect.trip or "none"

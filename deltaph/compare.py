@@ -15,7 +15,7 @@ from rich.table import Table
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.files import replace
-from deltaph.report import corner_excess
+from deltaph.report import SIDES, corner_excess
 from deltaph.scenario import Scenario, scenario_from_json
 from deltaph.scene import corner_marks, scene_of
 from deltaph.schedule import Operation, Schedule, schedule
@@ -113,7 +113,7 @@ def _figures(scenario: Scenario, run: Schedule, reading: Reading, *, executed: b
         **({"parts a minute": run.parts_per_minute} if scenario.parts else {}),
     }
     for word in ("prescribed", "planned"):
-        for index, side in enumerate(_SIDES):
+        for index, side in enumerate(SIDES):
             figures[f"{word} deviation, {side} side [mm]"] = 1e3 * max(
                 _of_side(o, o.plan.task.corner_deviation if word == "prescribed" else o.plan.corner_deviation, index)
                 for o in run.one_pass
@@ -124,7 +124,7 @@ def _figures(scenario: Scenario, run: Schedule, reading: Reading, *, executed: b
         beyond = [corner_excess(corner) for corner in of_run["corners"] if corner["reached"]] if of_run is not None else []
     figures["beyond the prescribed deviation, worst corner [mm]"] = 1e3 * max(beyond) if beyond else None
     if executed:
-        for index, side in enumerate(_SIDES):
+        for index, side in enumerate(SIDES):
             corners = of_run["corners"] if of_run is not None else []
             found = [corner["executed_m"] for corner in corners if corner["side"] == index and corner["reached"]]
             figures[f"executed deviation, {side} side [mm]"] = 1e3 * max(found) if found else None
@@ -143,9 +143,6 @@ def _figures(scenario: Scenario, run: Schedule, reading: Reading, *, executed: b
         figures["trip"] = summary["executed"]["trip"] if summary is not None else None
         figures["expectations"] = None if missed is None else ", ".join(f"{name} missed" for name in missed) or "all met"
     return figures
-
-
-_SIDES = ("pick", "place")
 
 
 def _markdown(facts: dict[str, Any], scenes: Sequence[Scene]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 import threading
 import time
@@ -229,5 +230,6 @@ class Journal:
                 self._last = now
             more = f" (and {self._silent} refused since the last line)" if self._silent else ""
             self._silent = 0
-        sys.stderr.write(f"{line}{more}\n")
-        sys.stderr.flush()
+        with contextlib.suppress(OSError):  # who read it has gone: the command is answered all the same
+            sys.stderr.write(f"{line}{more}\n")
+            sys.stderr.flush()

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deltaph.feed import FeedClock
 from deltaph.frame import TIMING, Frame, columns
+from deltaph.pacing import CAUSES
 from deltaph.plan import Plan
 from deltaph.schedule import Operation, Schedule
 from deltaph.variables import Model, variable_table
@@ -95,8 +97,8 @@ class Execution:
         overshoot: largest excursion outside the right-angle paths [m].
         tracking_error_joint_max: [rad].
         tracking_error_tcp_max: [m].
-        motor_torque_max: of each motor [N m].
-        motor_torque_rms: of each motor, from the first start to the last arrival [N m].
+        motor_torque_max: of each motor, from the beginning of the run to the last arrival [N m].
+        motor_torque_rms: likewise [N m].
         motor_load_max: greatest thermal load of each motor; 1 is that of the rated torque.
         motor_work: mechanical energy that each motor gave, per operation [J].
         motor_regenerated: mechanical energy that each motor took back, per operation [J].
@@ -266,3 +268,19 @@ def percentiles(seconds: FloatArray) -> dict[str, float]:
     """p50, p99, p999 and max of durations [s], in microseconds."""
     p50, p99, p999 = np.percentile(seconds, (50, 99, 99.9)) * 1e6
     return {"p50": float(p50), "p99": float(p99), "p999": float(p999), "max": float(seconds.max() * 1e6)}
+
+
+def deadline_facts(timing: Mapping[str, float], priority: int) -> dict[str, Any]:
+    """What became of the deadlines: the part of `timing` that is the same in the JSON reports of a run and of a cell that served.
+
+    Args:
+        timing: of the last frame, by name as in TIMING.
+        priority: real-time priority of the step loop; 0 where it has none.
+    """
+    return {
+        "realtime_priority": priority,
+        "real_time_factor": timing["real_time_factor"],
+        "missed_deadlines": int(timing["missed_deadlines"]),
+        "missed_by": {cause: int(timing[f"missed_by_{cause}"]) for cause in CAUSES},
+        "slipped_steps": int(timing["slipped_steps"]),
+    }

@@ -175,20 +175,6 @@ class Sink(Protocol):
         ...
 
 
-class ListSink:
-    """Keeps every frame."""
-
-    def __init__(self) -> None:
-        self.frames: list[Frame] = []
-
-    def take(self, frame: Frame) -> None:
-        """Keep the frame."""
-        self.frames.append(frame)
-
-    def close(self) -> None:
-        """Nothing to finish."""
-
-
 class FrameStore(Protocol):
     """Where the importer keeps frames."""
 

@@ -11,7 +11,7 @@ import math
 import tempfile
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from itertools import count, takewhile
 from pathlib import Path
 from types import MappingProxyType
@@ -170,8 +170,8 @@ def cosimulate(
     realtime: Undisturbed | None = None,
     dropped: Callable[[], int] = lambda: 0,
     frames: Frames | None = None,
-) -> Iterator[Frame]:
-    """Co-simulate a scenario; yields frame 0, the initial state, and one frame per step.
+) -> Generator[Frame, None, None]:
+    """Co-simulate a scenario; yields frame 0, the initial state, and one frame per step. To be closed where it is left early.
 
     Args:
         scenario: what to run.
@@ -224,8 +224,10 @@ def attend(
     realtime: Undisturbed,
     dropped: Callable[[], int],
     frames: FrameStore,
-) -> Iterator[Frame]:
+) -> Generator[Frame, None, None]:
     """Co-simulate in real time, without a schedule: the robot rests at the scenario's pick point until it is told to move.
+
+    To be closed where it is left early.
 
     Args:
         scenario: robot, law, drives, faults, and where the robot rests.
@@ -277,11 +279,14 @@ def _cell(
 WARM_UP_STEPS = 50
 """Enough for every page of code and data that a step touches; other instances take them: the run's state is untouched."""
 
+WARM_UP_NS = 1_000_000
+"""Between two of them, however long the run's steps are: at 1 s the run would begin a minute late [ns]."""
+
 
 def _warm_up(scenario: Scenario, fmus: Mapping[Model, Path], directory: Path, size: float) -> None:
     with contextlib.ExitStack() as stack:
         planner, plant, link = _cell(scenario, fmus, directory, stack)
-        pacer = Pacer(round(size * 1e9))
+        pacer = Pacer(WARM_UP_NS)
         pacer.begin()
         for n in range(WARM_UP_STEPS):
             link.move()

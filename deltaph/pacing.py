@@ -221,17 +221,19 @@ def undisturbed(asked: Undisturbed) -> Iterator[None]:
 
 def permitted_priority() -> int:
     """PRIORITY where the system permits it, else 0."""
+    if sys.platform != "linux":
+        return 0
     try:
         with _first_in_first_out(PRIORITY):
-            return PRIORITY if sys.platform == "linux" else 0
+            return PRIORITY
     except EnvironmentProblem:
         return 0
 
 
 @contextlib.contextmanager
 def _first_in_first_out(priority: int) -> Iterator[None]:
-    if sys.platform != "linux":
-        return
+    """Real-time scheduling of the calling thread; on Linux."""
+    assert sys.platform == "linux"
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
         # RESET_ON_FORK: no thread or process started meanwhile inherits the priority

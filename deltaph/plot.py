@@ -22,9 +22,8 @@ _JOINT_STYLES = (("tab:blue", "-"), ("tab:orange", "-"), ("tab:green", (0, (4, 3
 def _draw_path(axes: Axes, plan: Plan, position: NDArray[np.float64], *, corner: bool) -> None:
     """The path in its vertical plane [mm]: all of it, or the first corner."""
     pick = np.array(plan.task.pick)
-    across = np.array(plan.task.place)[:2] - pick[:2]
-    width = float(np.linalg.norm(across))
-    along = (position[:, :2] - pick[:2]) @ (across / width) * 1e3
+    width = float(np.linalg.norm(np.array(plan.task.place)[:2] - pick[:2]))
+    along = 1e3 * (position[:, :2] - pick[:2]) @ np.array(plan.direction)
     vertex = plan.vertices[0] * 1e3
     axes.plot(
         [0, 0, 1e3 * width, 1e3 * width],
@@ -43,13 +42,13 @@ def _draw_path(axes: Axes, plan: Plan, position: NDArray[np.float64], *, corner:
             lw=0.8,
             label=f"prescribed {prescribed:g} mm",
         )
-        reach = min(8.0 * prescribed, 1e3 * plan.task.lift[0], 500.0 * width)
+        reach = min(size for size in (8.0 * prescribed, 1e3 * plan.task.lift[0], 500.0 * width) if size > 0.0)
         axes.set_xlim(-1.5 * prescribed, reach)
         axes.set_ylim(vertex[2] - reach, vertex[2] + 1.5 * prescribed)
         axes.set_title(f"Pick corner: deviation {1e3 * plan.corner_deviation[0]:.4g} mm")
     else:
         axes.set_title("Path")
-    axes.set_aspect("equal")
+    axes.set_aspect("equal", adjustable="box" if corner else "datalim")
     axes.set_xlabel("along the traverse [mm]")
     axes.set_ylabel("z [mm]")
     axes.legend(fontsize="small")

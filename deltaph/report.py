@@ -11,11 +11,15 @@ from rich.console import Console
 from rich.table import Table
 
 from deltaph.checks import Check, deviation_tolerance
-from deltaph.execution import CornerPass, Execution, Trace, percentiles
-from deltaph.pacing import CAUSES, HISTOGRAM_US, histogram
+from deltaph.execution import CornerPass, Execution, Trace, deadline_facts, percentiles
+from deltaph.frame import TIMING
+from deltaph.pacing import HISTOGRAM_US, Undisturbed, histogram
 from deltaph.plan import Plan
 from deltaph.scenario import Scenario
 from deltaph.schedule import Schedule
+
+SIDES = ("pick", "place")
+"""Of a corner, by its number in the JSON reports."""
 
 _JOINT_ROWS = (("velocity", "rad/s"), ("acceleration", "rad/s2"), ("jerk", "rad/s3"), ("torque", "N m"))
 
@@ -116,20 +120,18 @@ def _corner_facts(corner: CornerPass) -> dict[str, Any]:
     }
 
 
-def timing_facts(trace: Trace, *, realtime: bool) -> dict[str, Any]:
+def timing_facts(trace: Trace, realtime: Undisturbed | None) -> dict[str, Any]:
     """The `timing` object of `run --json`; frame 0 is not a step."""
+    last = {name: float(trace.timing_of(name)[-1]) for name, _, _ in TIMING}
     steps = trace.timing_of("planner_step")[1:] + trace.timing_of("plant_step")[1:]
     lateness_us = 1e6 * trace.timing_of("lateness")[1:]
     return {
-        "realtime": realtime,
+        "realtime": realtime is not None,
         "step_us": percentiles(steps),
-        "publish_us": percentiles(trace.timing_of("publish")[2:]),
+        "publish_us": percentiles(trace.timing_of("publish")[1:]),
         "lateness_us": percentiles(1e-6 * lateness_us),
         "lateness_histogram_us": {"up_to": list(HISTOGRAM_US), "count": histogram(lateness_us.tolist())},
-        "real_time_factor": float(trace.timing_of("real_time_factor")[-1]),
-        "missed_deadlines": int(trace.timing_of("missed_deadlines")[-1]),
-        "missed_by": {cause: int(trace.timing_of(f"missed_by_{cause}")[-1]) for cause in CAUSES},
-        "slipped_steps": int(trace.timing_of("slipped_steps")[-1]),
+        **deadline_facts(last, realtime.priority if realtime is not None else 0),
     }
 
 
@@ -211,7 +213,7 @@ def _print_operation(console: Console, scenario: Scenario, plan: Plan) -> None:
     console.print(phases)
 
     corners = Table("corner deviation (mm)", "prescribed", "planned", "kept", "", box=None, pad_edge=False)
-    rows = zip(("pick", "place"), plan.task.corner_deviation, plan.corner_deviation, plan.corner_bound, strict=True)
+    rows = zip(SIDES, plan.task.corner_deviation, plan.corner_deviation, plan.corner_bound, strict=True)
     for side, prescribed, planned, bound in rows:
         mark = _mark(planned <= prescribed * (1 + 1e-12))
         corners.add_row(side, f"{1e3 * prescribed:g}", f"{1e3 * planned:.5f}", mark, reduced_text(prescribed, planned, bound))
@@ -257,7 +259,7 @@ def worst_corners(facts: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 def corner_name(corner: Mapping[str, Any], facts: Mapping[str, Any]) -> str:
     """Which of the corners of a run's JSON report it is."""
-    side = f"{('pick', 'place')[corner['side']]} side"
+    side = f"{SIDES[corner['side']]} side"
     return f"{corner['move']}, {side}" if facts["sequence"] else side
 
 
@@ -313,10 +315,7 @@ def print_run(
     run: Schedule,
     report: Mapping[str, Any],
     execution: Execution,
-    trace: Trace,
     checks: Sequence[Check],
-    *,
-    realtime: bool,
 ) -> None:
     """The summary of a run and its JSON report: planned and executed deviation side by side, tracking, load, time, expectations."""
     console.print(scenario.title, style="bold", markup=False, soft_wrap=True)
@@ -343,21 +342,18 @@ def print_run(
     facts.add_row("motor work per operation (taken back)", "  ".join(f"{given:.1f} ({back:.1f})" for given, back in work) + " J")
     facts.add_row("motor load, largest (1 is rated)", "  ".join(f"{value:.3f}" for value in execution.motor_load_max))
     if execution.trip_time is not None:
-        axis = f" of axis {execution.trip_axis}" if execution.trip_axis else ""
-        facts.add_row("[bold red]trip[/]", f"{execution.trip}{axis} at {1e3 * execution.trip_time:g} ms")
-    timing = timing_facts(trace, realtime=realtime)
+        facts.add_row("[bold red]trip[/]", f"{trip_text(report['executed'])} at {1e3 * execution.trip_time:g} ms")
+    timing = report["timing"]
     facts.add_row("step of both FMUs", f"median {timing['step_us']['p50']:.0f} us, 99 % {timing['step_us']['p99']:.0f} us")
     facts.add_row("real-time factor", f"{timing['real_time_factor']:.2f}")
-    if realtime:
+    if timing["realtime"]:
         late, publishing = timing["lateness_us"], timing["publish_us"]
         facts.add_row("lateness", f"median {late['p50']:.1f} us, 99 % {late['p99']:.0f} us, largest {late['max']:.0f} us")
         bins = timing["lateness_histogram_us"]
         names = [*(f"<= {bound} us" for bound in bins["up_to"]), "later"]
         facts.add_row("", "  ".join(f"{name}: {count}" for name, count in zip(names, bins["count"], strict=True) if count))
         facts.add_row("handing a frame to the sinks", f"median {publishing['p50']:.1f} us, 99 % {publishing['p99']:.0f} us")
-        causes = ", ".join(f"{cause} {count}" for cause, count in timing["missed_by"].items() if count)
-        slipped = f"; {timing['slipped_steps']} steps slipped" if timing["slipped_steps"] else ""
-        facts.add_row("missed deadlines", f"{timing['missed_deadlines']}{': ' + causes if causes else ''}{slipped}")
+        facts.add_row("missed deadlines", _missed_text(timing))
     console.print(facts)
 
     print_checks(console, checks)
@@ -399,14 +395,24 @@ def print_serving(console: Console, scenario: Scenario, facts: Mapping[str, Any]
         table.add_row("worst corner", worst_corner(plans["worst"]))
     table.add_row("tracking error of the tool, largest", f"{1e3 * executed['tracking_error_tcp_max_m']:.4f} mm")
     if executed["trip_time_s"] is not None:
-        axis = f" of axis {executed['trip_axis']}" if executed["trip_axis"] else ""
-        table.add_row("[bold red]trip[/]", f"{executed['trip']}{axis} at {executed['trip_time_s']:.3f} s")
+        table.add_row("[bold red]trip[/]", f"{trip_text(executed)} at {executed['trip_time_s']:.3f} s")
     table.add_row("step of both FMUs", f"{within(timing['step_histogram_us'], 0.99)}, largest {timing['step_max_us']:.0f} us")
     table.add_row("lateness", f"{within(timing['lateness_histogram_us'], 0.99)}, largest {timing['lateness_max_us']:.0f} us")
+    table.add_row("missed deadlines", _missed_text(timing))
+    console.print(table)
+
+
+def trip_text(executed: Mapping[str, Any]) -> str:
+    """Why the plant of a JSON report tripped, and at which axis where one is meant."""
+    axis = f" of axis {executed['trip_axis']}" if executed["trip_axis"] else ""
+    return f"{executed['trip']}{axis}"
+
+
+def _missed_text(timing: Mapping[str, Any]) -> str:
+    """The missed deadlines of a JSON report with their causes, and the steps that slipped."""
     causes = ", ".join(f"{cause} {count}" for cause, count in timing["missed_by"].items() if count)
     slipped = f"; {timing['slipped_steps']} steps slipped" if timing["slipped_steps"] else ""
-    table.add_row("missed deadlines", f"{timing['missed_deadlines']}{': ' + causes if causes else ''}{slipped}")
-    console.print(table)
+    return f"{timing['missed_deadlines']}{': ' + causes if causes else ''}{slipped}"
 
 
 def _outcomes(outcomes: Mapping[str, int]) -> str:
@@ -422,6 +428,6 @@ def plans_text(plans: Mapping[str, Any]) -> str:
 def worst_corner(worst: Mapping[str, Any]) -> str:
     """The corner that exceeds what is prescribed most, in words."""
     return (
-        f"{('pick', 'place')[worst['side']]} side of plan {worst['plan']}: {1e3 * worst['executed_m']:.4f} mm executed, "
+        f"{SIDES[worst['side']]} side of plan {worst['plan']}: {1e3 * worst['executed_m']:.4f} mm executed, "
         f"{1e3 * worst['planned_m']:.4f} planned, {1e3 * worst['prescribed_m']:g} prescribed"
     )

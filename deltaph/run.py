@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from functools import partial
 from operator import attrgetter, methodcaller
@@ -109,7 +109,9 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
         stepping = cosimulate(
             scenario, run, fmus, realtime=options.realtime, dropped=lambda: sum(sink.dropped for sink in sinks), frames=frames
         )
-        for frame in _with_progress(stepping, run, log):
+        # where it is interrupted, what it asks of the system is undone before the sinks are finished
+        stack.enter_context(closing(stepping))
+        for frame in stack.enter_context(closing(_with_progress(stepping, run, log))):
             for sink in sinks:
                 sink.take(frame)
 
@@ -126,8 +128,7 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
             "sequence": sequence_facts(scenario, run),
             "operations": operation_facts(run, execution),
             "executed": executed_facts(execution),
-            "timing": timing_facts(trace, realtime=options.realtime is not None)
-            | {"realtime_priority": options.realtime.priority if options.realtime is not None else 0},
+            "timing": timing_facts(trace, options.realtime),
             "telemetry": {
                 "published": publisher.ask(attrgetter("published")) if publisher is not None else 0,
                 "dropped": publisher.dropped if publisher is not None else 0,
@@ -141,7 +142,7 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
         if recorder is not None:
             recorder.tell(partial(record_summary, scenario=scenario, facts=facts))
 
-    print_run(console, scenario, run, facts, execution, trace, checks, realtime=options.realtime is not None)
+    print_run(console, scenario, run, facts, execution, checks)
     if options.record is not None:
         log.print(f"recorded {options.record}: open it with `deltaph view {options.record}`", style="dim", soft_wrap=True)
     return Result(frames, facts, all(check.ok for check in checks))
@@ -198,7 +199,7 @@ def recording(path: Path, scenario: Scenario, log: Console, stack: ExitStack, *,
     return sink
 
 
-def _with_progress(frames: Iterator[Frame], run: Schedule, log: Console) -> Iterator[Frame]:
+def _with_progress(frames: Iterator[Frame], run: Schedule, log: Console) -> Generator[Frame, None, None]:
     """Pass frames on and show how far the run has come, where somebody watches and it takes long enough to see."""
     if not log.is_terminal:
         yield from frames

@@ -159,7 +159,7 @@ class Scenario:
         plant: parameters of the plant that are not the robot's.
         feed: overrides in order of time.
         faults: in order of time.
-        communication_step: whole number of milliseconds.
+        communication_step_ms: a whole number [ms].
         settle: co-simulated after arrival [s].
         cell: name of the cell in Zenoh keys.
         expect: expectations, in the file's units.
@@ -339,11 +339,12 @@ def load_scenario(path: Path) -> Scenario:
         ScenarioError: it cannot be read, is not TOML, or is not a scenario; names file, key, value and what would be right.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        content = path.read_bytes()
+        text = content.decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise ScenarioError(f"cannot read scenario {path}: {reason}") from error
-    return parse_scenario(text, path)
+    return _parse_text(text, path, content)
 
 
 def parse_scenario(text: str, path: Path) -> Scenario:
@@ -352,11 +353,15 @@ def parse_scenario(text: str, path: Path) -> Scenario:
     Raises:
         ScenarioError: as `load_scenario`.
     """
+    return _parse_text(text, path, text.encode())
+
+
+def _parse_text(text: str, path: Path, content: bytes) -> Scenario:
     try:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{path}: not TOML: {error}") from error
-    return _parse(document, path, hashlib.sha256(text.encode()).hexdigest())
+    return _parse(document, path, hashlib.sha256(content).hexdigest())
 
 
 def scenario_from_json(text: str) -> Scenario:

@@ -357,7 +357,8 @@ class ScenarioFile(Section):
 
     @model_validator(mode="after")
     def _arrives(self) -> Self:
-        if self.feed and (last := max(self.feed, key=lambda feed: feed.time_ms).override) < _LEAST_LAST_OVERRIDE:
+        # of overrides at the same time the last one holds
+        if self.feed and (last := sorted(self.feed, key=lambda feed: feed.time_ms)[-1].override) < _LEAST_LAST_OVERRIDE:
             raise ValueError(f"feed: the last override is {last:g}, too slow to arrive: end with at least {_LEAST_LAST_OVERRIDE:g}")
         return self
 

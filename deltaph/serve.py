@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import signal
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from functools import partial
 from operator import attrgetter, methodcaller
 from pathlib import Path
@@ -84,7 +84,9 @@ def serve_scenario(path: Path, options: Options, console: Console, log: Console)
         publisher = stack.enter_context(SinkProcess("publisher", open_publisher, QUEUE_FRAMES))
         ask_override.close()
         ask_task.close()
-        tally = stack.enter_context(SinkProcess("tally", partial(Tally, deviation_tolerance(scenario)), QUEUE_FRAMES, SLOW_POLL))
+        realtime = options.realtime or Undisturbed()
+        open_tally = partial(Tally, deviation_tolerance(scenario), realtime.priority)
+        tally = stack.enter_context(SinkProcess("tally", open_tally, QUEUE_FRAMES, SLOW_POLL))
         sinks = [sink for sink in (publisher, recorder, tally) if sink is not None]
         await_sinks(sinks, log)
         await_subscribers(publisher, scenario, options, log)
@@ -93,7 +95,6 @@ def serve_scenario(path: Path, options: Options, console: Console, log: Console)
             tally.tell(methodcaller("begin", begun))
 
         attendant = Attendant(scenario, overrides, tasks, begin)
-        realtime = options.realtime or Undisturbed()
         frames = RecentFrames()
         frames.commands = counts.array
         stepping = attend(
@@ -104,6 +105,7 @@ def serve_scenario(path: Path, options: Options, console: Console, log: Console)
             dropped=lambda: sum(sink.dropped for sink in sinks),
             frames=frames,
         )
+        stack.enter_context(closing(stepping))  # where it is interrupted, what it asks of the system is undone first
         publisher.ask(ServingPublisher.serve)
         log.print("takes commands: see `deltaph command --help`; Ctrl-C ends it", style="dim", soft_wrap=True)
         with _ending(attendant.end):
@@ -119,7 +121,6 @@ def serve_scenario(path: Path, options: Options, console: Console, log: Console)
             "law": scenario.law.name,
             "communication_step_s": scenario.communication_step_ms / 1000.0,
             **counted,
-            "timing": {**counted["timing"], "realtime_priority": realtime.priority},
             "commands": {
                 command: {outcome: n for outcome, n in zip(OUTCOMES, row, strict=True) if n}
                 for command, row in zip(COMMANDS, counts.array.tolist(), strict=True)

@@ -6,7 +6,6 @@ import json
 import math
 import os
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -26,12 +25,10 @@ from deltaph.errors import DeltaphError, EnvironmentProblem
 from deltaph.plan import Plan
 from deltaph.scenario import Scenario, parse_scenario, template
 from deltaph.soak_peer import FLOOD_SECONDS, STREAMING
+from deltaph.telemetry.session import free_endpoint
 
 BARE_SECONDS = 60.0
 """The bare loop beside each case runs as long as that, at most so long: a machine misses few deadlines, and not evenly."""
-
-SETTLED = 2.0
-"""A consumer that was disturbed has this long, at least, to be back before the cell ends [s]."""
 
 START_TIMEOUT = 60.0
 """For a process to be ready; the FMUs may have to be compiled [s]."""
@@ -63,12 +60,6 @@ class Observed:
     failures: list[str] = field(default_factory=list)
 
 
-def _endpoint() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-
-
 def _resident(pid: int) -> float | None:
     """Resident memory of a process and those that it has started [MB]; None where it is gone."""
     pages = 0
@@ -94,7 +85,7 @@ class _Stage:
     def __init__(self, directory: Path, scenario: Path, cell: str, priority: int | None, stack: ExitStack) -> None:
         self.directory = directory
         self._priority = [] if priority is None else ["--realtime-priority", str(priority)]
-        self.endpoint = _endpoint()
+        self.endpoint = free_endpoint()
         self.cell = cell
         self._scenario = scenario
         self._stack = stack
@@ -371,7 +362,7 @@ class Soak:
                 stage.serve()
             else:
                 where = "--connect" if case.router else "--listen"
-                listen = ["--listen", _endpoint()] if case.router else []
+                listen = ["--listen", free_endpoint()] if case.router else []
                 stage.run(case.seconds, self._cycle, [where, stage.endpoint, *listen, "--wait-subscribers", str(waited)])
             stage.await_streaming()
             time.sleep(1.0)

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from deltaph.execution import Trace, nearest_point
+from deltaph.execution import Trace, deadline_facts, nearest_point
 from deltaph.frame import TIMING, Frame
-from deltaph.pacing import CAUSES, HISTOGRAM_US, histogram
+from deltaph.pacing import HISTOGRAM_US, histogram
 from deltaph.scenario import Task
 from deltaph.variables import variable_table
 
@@ -102,14 +102,16 @@ class Tally:
 
     Args:
         tolerance: on the executed corner deviation [m].
+        priority: real-time priority of the step loop, for the report; 0 where it has none.
     """
 
-    def __init__(self, tolerance: float) -> None:
+    def __init__(self, tolerance: float, priority: int = 0) -> None:
         self._begun: deque[Begun] = deque()
         self.arrived = self.corners = self.kept = 0
         self.worst: Pass | None = None
         self.newest: deque[tuple[Begun, list[Pass]]] = deque(maxlen=KEPT)
         self._tolerance = tolerance
+        self._priority = priority
         self._frames: list[Frame] = []
         self._running: Begun | None = None
         self._nearest = [_Approach(), _Approach()]
@@ -137,7 +139,7 @@ class Tally:
             self._finish(self._last)
         last = self._last
         integers = {} if last is None else self._integers(last)
-        timing = {} if last is None else dict(zip(_TIMING, last.timing.tolist(), strict=True))
+        timing = dict.fromkeys(_TIMING, 0.0) if last is None else dict(zip(_TIMING, last.timing.tolist(), strict=True))
         tripped = integers.get("trip", 0)
         worst = self.worst
         return {
@@ -174,10 +176,7 @@ class Tally:
                 "step_histogram_us": {"up_to": list(HISTOGRAM_US), "count": self._step_us.tolist()},
                 "lateness_max_us": 1e6 * self._lateness_max,
                 "lateness_histogram_us": {"up_to": list(HISTOGRAM_US), "count": self._lateness_us.tolist()},
-                "real_time_factor": timing.get("real_time_factor", 0.0),
-                "missed_deadlines": int(timing.get("missed_deadlines", 0)),
-                "missed_by": {cause: int(timing.get(f"missed_by_{cause}", 0)) for cause in CAUSES},
-                "slipped_steps": int(timing.get("slipped_steps", 0)),
+                **deadline_facts(timing, self._priority),
             },
         }
 
@@ -210,8 +209,9 @@ class Tally:
     def _evaluate_corners(self, frames: list[Frame]) -> None:
         while self._begun and self._begun[0].step <= frames[-1].step:
             begins = self._begun.popleft()
-            self._approach([frame for frame in frames if frame.step < begins.step])
-            self._finish(frames[-1])
+            before = [frame for frame in frames if frame.step < begins.step]
+            self._approach(before)
+            self._finish(before[-1] if before else frames[0])  # a trip behind it is the next plan's
             self._running, self._nearest = begins, [_Approach(), _Approach()]
         self._approach(frames)
 

@@ -11,11 +11,20 @@ from typing import Any
 
 from deltaph.checks import deviation_tolerance
 from deltaph.fmu.sources import token
-from deltaph.report import WORST, corner_excess, found_text, payload_text, plans_text, reductions, worst_corner, worst_corners
+from deltaph.report import (
+    SIDES,
+    WORST,
+    corner_excess,
+    found_text,
+    payload_text,
+    plans_text,
+    reductions,
+    trip_text,
+    worst_corner,
+    worst_corners,
+)
 from deltaph.scenario import Scenario
 from deltaph.variables import variable_table
-
-SIDES = ("pick", "place")
 
 _DEGREES = 180.0 / math.pi
 _PEAKS = (
@@ -99,8 +108,7 @@ def serving_markdown(scenario: Scenario, facts: Mapping[str, Any]) -> str:
     verdict = f"Deviation NOT kept at {lost} of {count} corners" if lost else f"Deviation kept{within} at all {count} corners"
     lines = [f"# {verdict if count else 'No corner was passed'}", ""]
     if executed["trip_time_s"] is not None:
-        axis = f" of axis {executed['trip_axis']}" if executed["trip_axis"] else ""
-        lines = [f"# TRIPPED at {executed['trip_time_s']:.3f} s: {executed['trip']}{axis}", "", *lines]
+        lines = [f"# TRIPPED at {executed['trip_time_s']:.3f} s: {trip_text(executed)}", "", *lines]
     if worst:
         lines += [f"Worst: {worst_corner(worst)}.", ""]
     lines += [
@@ -174,8 +182,7 @@ def _verdict(scenario: Scenario, facts: Mapping[str, Any], tolerance: float) -> 
     executed = facts["executed"]
     corners = sorted((corner for corner in executed["corners"] if corner["reached"]), key=corner_excess, reverse=True)
     if executed["trip_time_s"] is not None:
-        axis = f" of axis {executed['trip_axis']}" if executed["trip_axis"] else ""
-        yield f"# TRIPPED at {1e3 * executed['trip_time_s']:g} ms: {executed['trip']}{axis}"
+        yield f"# TRIPPED at {1e3 * executed['trip_time_s']:g} ms: {trip_text(executed)}"
         yield ""
     if missed := [corner for corner in executed["corners"] if not corner["reached"]]:
         yield f"# Not reached: {_place(missed[0], facts)}" + (f" and {len(missed) - 1} more" if len(missed) > 1 else "")
@@ -241,7 +248,8 @@ def _feed(scenario: Scenario, facts: Mapping[str, Any]) -> Iterator[str]:
     """How the feed was changed, and what that cost."""
     if scenario.feed:
         changes = ", ".join(f"{100.0 * change.override:g} % from {1e3 * change.time:g} ms on" for change in scenario.feed)
-        yield f"Feed override: {changes}; arrived at {1e3 * facts['executed']['arrival_s']:g} ms."
+        arrival = facts["executed"]["arrival_s"]
+        yield f"Feed override: {changes}; " + ("not arrived." if arrival is None else f"arrived at {1e3 * arrival:g} ms.")
         yield ""
 
 

@@ -53,7 +53,7 @@ class CellKeys:
     @property
     def publishers(self) -> str:
         """Key expression of the tokens of the messages' publishers: `deltaph/{cell}/{message}/@adv/pub/{session}/{entity}/_`."""
-        return f"deltaph/{self.cell}/*/@adv/**"
+        return f"deltaph/{self.cell}/*/@adv/pub/**"
 
     def kept(self, name: MessageName, session: str, entity: int) -> str:
         """Where a publisher, which is an entity of a session, answers with the messages that it keeps."""

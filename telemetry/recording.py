@@ -18,6 +18,7 @@ from deltaph.telemetry.destination import Destination, RecordingFile
 from deltaph.telemetry.events import EVENT_KINDS, EventWatch, level, sentence
 from deltaph.telemetry.keys import FRAME_MESSAGES, MessageName
 from deltaph.telemetry.messages import Layout, Records, layout
+from deltaph.telemetry.reading import APPLICATION_ID
 from deltaph.telemetry.scene import CornerMark, FloatArray, Scene
 from deltaph.telemetry.signals import (
     ERROR_STEPS,
@@ -42,8 +43,6 @@ from deltaph.telemetry.world import (
     still_world,
     trace,
 )
-
-APPLICATION_ID = "deltaph"
 
 _ALL = slice(None)
 _LANES: tuple[tuple[str, MessageName, str], ...] = (("phase", "setpoint", "path.phase"), ("trip", "actual", "trip"))

@@ -117,11 +117,17 @@ def _open(settings: _Settings, listen: Sequence[str], connect: Sequence[str], **
         raise EnvironmentProblem(f"cannot listen {where}: {_reason(error)}") from error
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """A TCP port of this machine that nobody has; another process can be faster at it."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
         return port
+
+
+def free_endpoint() -> str:
+    """A Zenoh endpoint on such a port."""
+    return f"tcp/127.0.0.1:{free_port()}"
 
 
 COMMAND_RATE = 20.0
@@ -135,11 +141,11 @@ def open_cell_session(
     """Open the session of a cell: a peer that listens.
 
     Args:
-        commands: key expressions whose queries are let in at COMMAND_RATE each, unless the file has `downsampling` of its own.
         listen: endpoints that are asked for; without any those of the configuration file; without those the default one, or a
             free port of this machine where that is taken.
         connect: endpoints to connect to as well; those that are not there yet are tried again and again.
         config: a Zenoh configuration file.
+        commands: key expressions whose queries are let in at COMMAND_RATE each, unless the file has `downsampling` of its own.
 
     Returns:
         the session, and the endpoints it listens on.
@@ -159,8 +165,8 @@ def open_cell_session(
         return opened([DEFAULT_ENDPOINT]), (DEFAULT_ENDPOINT,)
     except EnvironmentProblem as taken:
         problem = taken
-    for _ in range(_FREE_PORT_ATTEMPTS):  # another process can be faster at a free port
-        endpoint = f"tcp/127.0.0.1:{_free_port()}"
+    for _ in range(_FREE_PORT_ATTEMPTS):
+        endpoint = free_endpoint()
         try:
             return opened([endpoint]), (endpoint,)
         except EnvironmentProblem as lost:

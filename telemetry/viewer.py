@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import socket
 import subprocess
 import tempfile
 import time
@@ -15,6 +14,7 @@ import rerun_cli
 from rerun.experimental import ViewerClient
 
 from deltaph.errors import EnvironmentProblem
+from deltaph.telemetry.session import free_port
 
 _STARTUP = 60.0  # software rendering on a busy machine takes some seconds [s]
 _POLL = 0.05  # between two looks at a viewer that starts [s]
@@ -56,9 +56,7 @@ def start_viewer(options: Sequence[str] = ()) -> StartedViewer:
     Raises:
         EnvironmentProblem: it does not start, for want of a screen for one.
     """
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     url = f"rerun+http://127.0.0.1:{port}/proxy"
     command = [
         str(rerun_binary()),

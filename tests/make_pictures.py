@@ -7,7 +7,6 @@ Needs a Vulkan driver; Debian's mesa-vulkan-drivers has one that needs no graphi
 
 import io
 import os
-import socket
 import subprocess
 import sys
 import tempfile
@@ -19,6 +18,7 @@ from pathlib import Path
 from PIL import Image
 from rerun.experimental import ViewerClient
 
+from deltaph.telemetry.session import free_port
 from deltaph.telemetry.viewer import rerun_binary, rerun_environment
 
 ROOT = Path(__file__).parents[1]
@@ -35,9 +35,7 @@ COLORS = 192
 @contextmanager
 def viewer_of(recording: Path, size: str = "1600x1000") -> Iterator[ViewerClient]:
     """A viewer without a screen that has loaded a recording."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     command = [
         str(rerun_binary()),
         str(recording),

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import re
 from itertools import groupby
-from pathlib import Path
 
-from deltaph.variables import Model, Variable, VariableTable, variable_table
+from deltaph.variables import Model, Variable, VariableTable
 
 HEADER = "model_variables.h"
 SOURCE = "model_variables.c"
@@ -94,10 +93,3 @@ def source(model: Model, table: VariableTable, token: str) -> str:
         "};",
     ]
     return "\n".join(lines) + "\n"
-
-
-def write_c_table(model: Model, directory: Path, token: str = "") -> None:
-    """Write both files into a directory, for a compiler that gets it as an include directory."""
-    table = variable_table(model)
-    (directory / HEADER).write_text(header(table), encoding="utf-8")
-    (directory / SOURCE).write_text(source(model, table, token), encoding="utf-8")

@@ -59,8 +59,7 @@ def index_html(model: Model) -> bytes:
 
 
 def licenses() -> dict[str, bytes]:
-    """Path in the FMU -> licence. Ours lies beside the sources in a checkout, and in the metadata of an installed package."""
+    """Path in the FMU -> licence: it lies beside the sources in a checkout, and in the metadata of an installed package."""
     file = FMU_SRC.parent / "LICENSE"
     text = file.read_text(encoding="utf-8") if file.is_file() else distribution("deltaph").read_text("licenses/LICENSE")
-    files = {"license.txt": text.encode()} if text else {}
-    return {f"documentation/licenses/{name}": content for name, content in files.items()}
+    return {"documentation/licenses/license.txt": text.encode()} if text else {}

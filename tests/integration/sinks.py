@@ -7,8 +7,21 @@ from integration.synthetic_cell import scene
 from integration.waiting import wait_until
 
 from deltaph.errors import EnvironmentProblem
-from deltaph.frame import Frame, ListSink
+from deltaph.frame import Frame
 from deltaph.telemetry import Recorder
+
+
+class ListSink:
+    """Keeps every frame."""
+
+    def __init__(self) -> None:
+        self.frames: list[Frame] = []
+
+    def take(self, frame: Frame) -> None:
+        self.frames.append(frame)
+
+    def close(self) -> None:
+        pass
 
 
 class Steps(ListSink):

@@ -1,9 +1,14 @@
 """The main job without telemetry: every scenario meets its own expectations; cycles, steps and frames are what they should be."""
 
+import gc
+import itertools
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 import pytest
+from integration.sinks import ListSink
+from rich.console import Console
 
 from deltaph.checks import evaluate_expectations, executed_values, planned_values
 from deltaph.errors import InfeasibleError
@@ -12,7 +17,10 @@ from deltaph.fmu import cached_fmus
 from deltaph.frame import Frame
 from deltaph.importer import cosimulate
 from deltaph.outputs import planner_columns
+from deltaph.pacing import Pacer, Undisturbed
 from deltaph.plan import Plan
+from deltaph.report import timing_facts
+from deltaph.run import Options, run_scenario
 from deltaph.scenario import Scenario, load_scenario, parse_scenario, template
 from deltaph.schedule import Schedule, schedule
 
@@ -83,6 +91,58 @@ def test_longer_communication_steps() -> None:
     execution = evaluate(Trace(frames_of(scenario, run)), run)
     assert execution.trip == "none"
     assert execution.corner_deviation == pytest.approx([0.006] * 2, abs=2e-4)
+
+
+def test_a_run_of_one_communication_step_has_a_report() -> None:
+    text = template().replace("communication_step_ms = 1.0", "communication_step_ms = 1000.0")
+    scenario = parse_scenario(text.replace("settle_ms = 50.0", "settle_ms = 0.0"), Path("one.toml"))
+    run = schedule(scenario)
+    assert run.steps == 1
+    trace = Trace(frames_of(scenario, run))
+    for name in ("step_us", "publish_us", "lateness_us"):
+        assert timing_facts(trace, None)[name]["max"] >= 0.0
+    assert executed_values(evaluate(trace, run))["arrival_ms"] == [1000.0]
+
+
+def test_warming_up_does_not_take_longer_where_steps_are_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = template().replace("communication_step_ms = 1.0", "communication_step_ms = 1000.0")
+    scenario = parse_scenario(text, Path("one.toml"))
+    steps: list[int] = []
+
+    def pacer(step_ns: int) -> Pacer:
+        steps.append(step_ns)
+        return Pacer(step_ns, sleep_until=lambda _: None, clock=itertools.count(0, step_ns).__next__)
+
+    monkeypatch.setattr("deltaph.importer.Pacer", pacer)
+    frames = list(cosimulate(scenario, schedule(scenario), cached_fmus(), realtime=Undisturbed()))
+    assert len(frames) == 2
+    assert steps == [1_000_000, 1_000_000_000]
+
+
+def test_an_interrupted_loop_gives_back_what_it_has_of_the_system_before_its_sinks_are_finished(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    collected: list[bool] = []
+
+    class Interrupted(ListSink):
+        dropped = 0
+
+        def await_open(self) -> None:
+            pass
+
+        def take(self, frame: Frame) -> None:
+            if frame.step == 5:
+                raise KeyboardInterrupt
+
+    def recording(_path: Path, _scenario: Scenario, _log: Console, stack: ExitStack, **_: bool) -> Interrupted:
+        stack.callback(lambda: collected.append(gc.isenabled()))
+        return Interrupted()
+
+    monkeypatch.setattr("deltaph.run.recording", recording)
+    options = Options(record=tmp_path / "paper.rrd", realtime=Undisturbed(), telemetry=False)
+    with pytest.raises(KeyboardInterrupt):
+        run_scenario(SCENARIOS[0].with_name("paper.toml"), options, Console(), Console(stderr=True, force_terminal=True))
+    assert collected == [True]
 
 
 def test_payload_reaches_both_fmus() -> None:

@@ -139,3 +139,10 @@ def test_provenance_is_that_of_the_installed_packages_and_the_built_fmus(run: Ca
         assert f"- {model} FMU `{fmpy.read_model_description(dist / f'{name}.fmu').instantiationToken}`" in page
     digest = hashlib.sha256((SCENARIOS / "paper.toml").read_bytes()).hexdigest()
     assert f"- `paper.toml`, SHA-256 `{digest}`" in page
+
+
+def test_a_run_that_ends_before_the_arrival_says_so(run: Callable[..., Any]) -> None:
+    page, facts = run("feed_override")
+    assert "; arrived at 797 ms." in page
+    executed = facts["executed"] | {"arrival_s": None}
+    assert "; not arrived." in summary_markdown(load_scenario(SCENARIOS / "feed_override.toml"), facts | {"executed": executed})

@@ -1,4 +1,5 @@
 import pytest
+import zenoh
 
 from deltaph.telemetry import CellKeys
 
@@ -19,6 +20,12 @@ def test_keys_are_those_of_the_contract() -> None:
         "deltaph/cell1/scenario",
         "deltaph/cell1/summary",
     ]
+
+
+def test_tokens_of_publishers_are_told_from_those_of_other_subscribers() -> None:
+    publishers = zenoh.KeyExpr(CellKeys("cell1").publishers)
+    assert publishers.includes(zenoh.KeyExpr("deltaph/cell1/setpoint/@adv/pub/1f/3/_"))
+    assert not publishers.intersects(zenoh.KeyExpr("deltaph/cell1/setpoint/@adv/sub/1f/3/_"))
 
 
 @pytest.mark.parametrize("cell", ["cell1", "Line-2.station_7", "7"])

@@ -31,7 +31,7 @@ ORDER = [
     {"__main__"},
 ]
 KNOW_TELEMETRY = {"scene", "recorder", "attendant", "desk", "run", "record", "compare", "export", "paper", "serve"}
-KNOW_TELEMETRY |= {"soak_peer", "view", "cli"}
+KNOW_TELEMETRY |= {"soak_peer", "soak", "view", "cli"}
 TELEMETRY_SEES = {"errors", "frame", "variables"}
 
 

@@ -2,6 +2,7 @@
 
 import gc
 import os
+import sys
 
 import pytest
 
@@ -118,3 +119,8 @@ def test_priority_that_is_not_permitted_is_none_unless_it_was_asked_for(monkeypa
     assert permitted_priority() == 0
     with pytest.raises(EnvironmentProblem, match="real-time priority 50 is not permitted"), undisturbed(Undisturbed(PRIORITY)):
         pass
+
+
+def test_a_system_without_real_time_priorities_permits_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "darwin")
+    assert permitted_priority() == 0

@@ -1,5 +1,6 @@
 """Scenario files: units removed once, everything wrong said in one line that names the key and the way out."""
 
+import hashlib
 import math
 import tomllib
 from pathlib import Path
@@ -229,3 +230,22 @@ def test_unreadable_files(tmp_path: Path) -> None:
 
 def test_the_template_is_the_papers_case() -> None:
     assert template() == (ROOT / "scenarios" / "paper.toml").read_text(encoding="utf-8")
+
+
+def test_a_feed_that_ends_in_a_standstill_is_refused_also_where_two_overrides_share_a_time() -> None:
+    def feed(*overrides: float) -> str:
+        return template() + "".join(f"\n[[feed]]\ntime_ms = 100.0\noverride = {override}\n" for override in overrides)
+
+    with pytest.raises(ScenarioError, match=r"the last override is 0, too slow to arrive: end with at least 0\.01"):
+        parse_scenario(feed(1.0, 0.0), PATH)
+    assert [change.override for change in parse_scenario(feed(0.0, 1.0), PATH).feed] == [0.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    "content", [template().encode(), template().replace("\n", "\r\n").encode("utf-8-sig")], ids=["unix", "windows"]
+)
+def test_hash_is_that_of_the_file_as_it_lies_there(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "scenario.toml").write_bytes(content)
+    scenario = load_scenario(tmp_path / "scenario.toml")
+    assert scenario.sha256 == hashlib.sha256(content).hexdigest()
+    assert scenario.task == parse_scenario(template(), PATH).task

@@ -1,7 +1,9 @@
 """The two sides of a cell that serves, each without the other."""
 
+import io
 import os
 import signal
+import sys
 import threading
 from pathlib import Path
 
@@ -87,3 +89,12 @@ def test_first_signal_ends_and_the_second_one_is_what_it_was() -> None:
         assert ended.wait(5.0)
         assert signal.getsignal(signal.SIGTERM) is before
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_a_journal_that_nobody_reads_any_more_does_not_keep_a_command_from_its_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Gone(io.StringIO):
+        def write(self, _: str) -> int:
+            raise BrokenPipeError
+
+    monkeypatch.setattr(sys, "stderr", Gone())
+    Journal()("command hold accepted: held")

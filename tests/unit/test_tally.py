@@ -74,6 +74,19 @@ def test_plans_follow_each_other_and_the_worst_is_named() -> None:
     assert sum(facts["timing"]["step_histogram_us"]["count"]) == len(given) - 1
 
 
+def test_a_trip_is_not_laid_on_the_plan_before() -> None:
+    given = repeated(frames(), 2)
+    trip = [v.name for v in variable_table("plant").of("output") if not v.is_float].index("trip")
+    for k, frame in enumerate(given):
+        if frame.step >= 354 + 20:
+            integers = frame.plant_integers.copy()
+            integers[trip] = 1
+            given[k] = replaced(frame, plant_integers=integers)
+    tally = counted(given, [Begun(0, 1, TASK, 0.0, PRESCRIBED), Begun(354, 2, TASK, 0.0, PRESCRIBED)])
+    assert [begun.number for begun, _ in tally.newest] == [1]
+    assert tally.corners == 2
+
+
 def test_plan_that_is_under_way_at_the_end_has_not_arrived() -> None:
     given = [frame for frame in frames() if frame.step < 150]
     tally = counted(given, [Begun(0, 1, TASK, 0.0, PRESCRIBED)])
