@@ -113,7 +113,7 @@ class Verdict(NamedTuple):
 
 
 class Unasked(NamedTuple):
-    """Why the planner was not asked for a job, or is not any more: `stopped`, `cancelled` by a stop, or `tripped`."""
+    """Why the planner was not asked for a job or to go on, or is not any more: `stopped`, `cancelled` by a stop, or `tripped`."""
 
     why: str
     time: float
@@ -124,7 +124,7 @@ class Attendant:
 
     Args:
         scenario: where the robot rests first, and the communication step.
-        overrides: questions (command, value), answered with `Overridden`.
+        overrides: questions (command, value), answered with `Overridden` or `Unasked`.
         tasks: a `Job` is answered with `Verdict` or `Unasked`; what is none asks for the `Standing`.
         begin: is told which plan begins when.
     """
@@ -186,6 +186,9 @@ class Attendant:
             self._attend(self._job, step)
 
     def _apply(self, command: Command, value: float | None, step: int) -> None:
+        if command in ("resume", "feed") and self._plant.integers[self._trip]:
+            self._overrides.answer(Unasked("tripped", step * self._size))
+            return
         before, override = self._override, self._override.after(command, value)
         self._override = override
         self._planner.inputs[self._feed] = override.input

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from deltaph.attendant import TASK_INPUTS, Job, Overridden, Standing, Verdict
+from deltaph.attendant import TASK_INPUTS, Job, Overridden, Standing, Unasked, Verdict
 from deltaph.errors import InfeasibleError
 from deltaph.frame import Command, Frame, Outcome
 from deltaph.importer import task_inputs
@@ -68,6 +68,8 @@ class Desk:
         answer = self._ask(self._overrides, (command, value), time.monotonic() + VERDICT_TIMEOUT)
         if isinstance(answer, str):
             return self._refusal(command, "failed", answer)
+        if isinstance(answer, Unasked):
+            return Reply(command=command, accepted=False, outcome="tripped", time=answer.time, reason=_UNASKED[answer.why])
         assert isinstance(answer, Overridden)
         override = answer.override
         feed = FeedFacts(value=override.value, held=override.held, stopped=override.stopped)

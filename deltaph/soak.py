@@ -277,8 +277,10 @@ def _lost(observed: Observed) -> list[str]:
 
 
 def _unanswered(commands: dict[str, Any], cell: dict[str, Any], *, malformed: bool) -> list[str]:
-    """What is wrong with what became of commands: those that the cell let in are answered, each once, and all are counted."""
+    """What is wrong with what became of commands: each is answered once and counted, unless it is malformed and means none."""
     failures = []
+    if not malformed and commands["answered"] != commands["sent"]:
+        failures.append(f"{commands['answered']} of {commands['sent']} commands were answered")
     counted = sum(sum(outcomes.values()) for outcomes in cell["commands"].values())
     answered = commands["answered"] + 2 * commands["holds"]
     if counted != answered:
@@ -447,7 +449,7 @@ def _print_messages(console: Console, found: Sequence[Observed]) -> None:
 
 def _print_commands(console: Console, found: Sequence[Observed]) -> None:
     """What came of the commands."""
-    table = Table("commands", "sent", "let in and answered", "accepted", "hold answered within (ms)", box=None, pad_edge=False)
+    table = Table("commands", "sent", "answered", "accepted", "hold answered within (ms)", box=None, pad_edge=False)
     for observed in found:
         if (told := observed.commands) is not None:
             counts = (f"{told[what]}" for what in ("sent", "answered", "accepted"))

@@ -9,6 +9,7 @@ import ctypes
 import reprlib
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -25,17 +26,20 @@ from deltaph.errors import EnvironmentProblem
 from deltaph.frame import COMMANDS, NO_COMMANDS, OUTCOMES, Command, Outcome
 from deltaph.telemetry.keys import CellKeys
 from deltaph.telemetry.ring import CONTEXT
-from deltaph.telemetry.session import COMMAND_RATE, open_client_session, replies
+from deltaph.telemetry.session import open_client_session, replies
 
 MAX_REQUEST = 4096
 """A request is refused unread beyond this [bytes]."""
+
+MOST_WAITING = 100
+"""Commands of the feed, of each kind, that may wait to be decided, one each few milliseconds."""
 
 VERDICT_TIMEOUT = 5.0
 """A PPO is answered by then, if only with `failed` [s]."""
 
 _ANSWER_TIMEOUT = VERDICT_TIMEOUT + 1.0  # of a client [s]
-_PATIENCE = 1.0  # of a client whose queries end unanswered, much less than a query that is not answered in time takes [s]
-_PAUSE = 0.007  # between two of them: no multiple of the pause that a cell keeps between two commands [s]
+_PATIENCE = 1.0  # of a client whose queries reach nobody, much less than a query that is not answered in time takes [s]
+_PAUSE = 0.05  # between two of them [s]
 
 NonNegative = Annotated[float, Ge(0)]
 Point = tuple[float, float, float]
@@ -77,6 +81,9 @@ REQUESTS: dict[Command, type[NoRequest | FeedRequest | PpoRequest]] = {
     "feed": FeedRequest,
 }
 """What a command takes."""
+
+_URGENCY: tuple[Command, ...] = ("stop", "hold", "resume", "feed")
+"""Commands of the feed in the order in which those that wait are decided."""
 
 _MEANING: dict[Command, str] = {
     "ppo": "Plan a pick-and-place operation and run it; one may wait while another runs",
@@ -141,7 +148,7 @@ def commands_schema() -> dict[str, Any]:
         "key": "deltaph/{cell}/command/{name}",
         "encoding": "application/json",
         "max_request_bytes": MAX_REQUEST,
-        "max_rate_Hz": COMMAND_RATE,  # of each; what is more ends unanswered
+        "max_waiting": MOST_WAITING,  # of hold, resume, stop and feed each; of ppo none: what is more is refused as busy
         "requests": {
             name: {"description": _MEANING[name], "schema": model.model_json_schema()} for name, model in REQUESTS.items()
         },
@@ -192,10 +199,10 @@ class CommandCounts:
 
 
 class CommandService:
-    """Answers the commands to a cell.
+    """Answers the commands to a cell, each query with one reply.
 
-    The override is taken in Zenoh's thread, always: a hold is heard in a flood. A PPO is handed to a thread of its own, one at a
-    time; what comes meanwhile is refused as busy. Of a flood the session lets in no more than COMMAND_RATE of each command. An
+    Zenoh's threads, one for each command, refuse what is no request. A thread decides the commands of the feed, `stop` and `hold`
+    first, so that they are heard in any flood. Another one decides PPOs, one at a time; what comes meanwhile is refused as busy. An
     access list says who may command.
 
     Args:
@@ -213,23 +220,28 @@ class CommandService:
         self._cell = carry_out
         self._counts = counts
         self._journal = journal
-        self._counting, self._overriding = threading.Lock(), threading.Lock()
-        self._free = threading.Semaphore(1)
-        self._ppo: tuple[zenoh.Query, bytes] | None = None
-        self._come = threading.Semaphore(0)
-        self._thread = threading.Thread(target=self._work, name="ppo", daemon=True)
-        self._thread.start()
+        self._counting = threading.Lock()
+        self._changed = threading.Condition()  # what waits, and whether more may
+        self._waiting: dict[Command, deque[tuple[zenoh.Query, NoRequest | FeedRequest]]] = {name: deque() for name in _URGENCY}
+        self._ppo: tuple[zenoh.Query, PpoRequest] | None = None  # that is being decided, or is next
+        self._open = True
+        self._threads = [threading.Thread(target=work, daemon=True) for work in (self._decide_overrides, self._decide_ppos)]
+        for thread in self._threads:
+            thread.start()
         # One for each key, and none for others: a query to what is no command ends in Zenoh, without a look at it here.
         self._queryables = [session.declare_queryable(self._keys.command(name), self._on_query) for name in REQUESTS]
 
     def close(self) -> None:
         """Take no more, and wait until what is under way is answered. A second call does nothing."""
-        if not self._thread.is_alive():
+        if not self._open:
             return
         for queryable in self._queryables:
             queryable.undeclare()  # type: ignore[no-untyped-call]
-        self._come.release()
-        self._thread.join()
+        with self._changed:
+            self._open = False
+            self._changed.notify_all()
+        for thread in self._threads:
+            thread.join()
 
     def _on_query(self, query: zenoh.Query) -> None:
         key = str(query.key_expr)
@@ -238,45 +250,53 @@ class CommandService:
             self._count("none", "invalid")
             query.reply_err(f"{key} is no single command: known are {', '.join(map(self._keys.command, REQUESTS))}".encode())
             return
-        if command == "ppo" and not self._free.acquire(blocking=False):
-            self._reply(query, self._refusal(command, "busy", "busy: another PPO is being decided"))
-            return
         length = 0 if query.payload is None else len(query.payload)
         if length > MAX_REQUEST:
-            reason = f"the request has {length} bytes: at most {MAX_REQUEST}"
-            if command == "ppo":
-                self._free.release()
-            self._reply(query, self._refusal(command, "invalid", reason))
+            self._reply(query, self._refusal(command, "invalid", f"the request has {length} bytes: at most {MAX_REQUEST}"))
             return
-        payload = b"" if query.payload is None else query.payload.to_bytes()
-        if command == "ppo":
-            self._ppo = query, payload
-            self._come.release()
-        else:
-            self._override(query, command, payload)
-
-    def _override(self, query: zenoh.Query, command: Command, payload: bytes) -> None:
-        request = _parse(command, payload)
+        request = _parse(command, b"" if query.payload is None else query.payload.to_bytes())
         if isinstance(request, str):
             self._reply(query, self._refusal(command, "invalid", request))
-            return
-        value = request.value if isinstance(request, FeedRequest) else None
-        with self._overriding:
-            reply = self._decide(command, partial(self._cell.override, command, value))
-        self._reply(query, reply)
+        elif (reason := self._hand_over(query, command, request)) is not None:
+            self._reply(query, self._refusal(command, "busy", reason))
 
-    def _work(self) -> None:
-        """Decide one PPO after the other."""
-        while self._come.acquire():
-            if self._ppo is None:
-                return
-            (query, payload), self._ppo = self._ppo, None
-            request = _parse("ppo", payload)
+    def _hand_over(self, query: zenoh.Query, command: Command, request: NoRequest | FeedRequest | PpoRequest) -> str | None:
+        """Leave a request to the thread that decides it; returns why not."""
+        with self._changed:
             if isinstance(request, PpoRequest):
-                reply = self._decide("ppo", partial(self._cell.ppo, request))
+                if self._ppo is not None:
+                    return "busy: another PPO is being decided"
+                self._ppo = query, request
             else:
-                reply = self._refusal("ppo", "invalid", str(request))
-            self._free.release()  # before the answer: who has it may send the next one
+                if len(self._waiting[command]) >= MOST_WAITING:
+                    return f"busy: {MOST_WAITING} of these commands wait to be decided"
+                self._waiting[command].append((query, request))
+            self._changed.notify_all()
+        return None
+
+    def _decide_overrides(self) -> None:
+        while True:
+            with self._changed:
+                while (command := next((name for name in _URGENCY if self._waiting[name]), None)) is None:
+                    if not self._open:
+                        return
+                    self._changed.wait()
+                query, request = self._waiting[command].popleft()
+            value = request.value if isinstance(request, FeedRequest) else None
+            self._reply(query, self._decide(command, partial(self._cell.override, command, value)))
+            del query  # which ends it
+
+    def _decide_ppos(self) -> None:
+        while True:
+            with self._changed:
+                while self._ppo is None:
+                    if not self._open:
+                        return
+                    self._changed.wait()
+                query, request = self._ppo
+            reply = self._decide("ppo", partial(self._cell.ppo, request))
+            with self._changed:
+                self._ppo = None  # before the answer: who has it may send the next one
             self._reply(query, reply)
             del query  # which ends it
 
@@ -395,7 +415,7 @@ class CommandClient:
             self._session.close()  # type: ignore[no-untyped-call]
 
     def _answers(self, key: str, payload: bytes) -> list[zenoh.Reply]:
-        """What comes back. A query that ends at once has reached no cell, or came in a flood: it is sent again for a while."""
+        """What comes back. A query that ends at once has reached no cell, which a router may not know yet: it is sent again."""
         patience = time.monotonic() + _PATIENCE
         while not (answers := replies(self._session, key, _ANSWER_TIMEOUT, payload)) and time.monotonic() < patience:
             time.sleep(_PAUSE)

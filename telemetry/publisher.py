@@ -11,7 +11,7 @@ import zenoh
 from zenoh import ext
 
 from deltaph.errors import EnvironmentProblem
-from deltaph.frame import COMMANDS, Frame
+from deltaph.frame import Frame
 from deltaph.telemetry.events import EventWatch
 from deltaph.telemetry.keys import FRAME_MESSAGES, QUERY_NAMES, CellKeys, MessageName, QueryName
 from deltaph.telemetry.messages import layout, schema_document
@@ -72,8 +72,7 @@ class Publisher:
             raise EnvironmentProblem(
                 f"a cell {cell} is there already: give this one another name with --cell, or as `cell` under [run]"
             )
-        commands = [self._keys.command(name) for name in COMMANDS]
-        self._session, self.endpoints = open_cell_session(listen, connect, config, commands)
+        self._session, self.endpoints = open_cell_session(listen, connect, config)
         self._history = history
         self.published = 0
         self._last_step = -1

@@ -91,9 +91,9 @@ class _Settings:
             found = found.get(self._given.get("mode", self._mode), [])
         return tuple(found)
 
-    def config(self, listen: Sequence[str], connect: Sequence[str], **more: Any) -> zenoh.Config:
+    def config(self, listen: Sequence[str], connect: Sequence[str]) -> zenoh.Config:
         """The configuration with these endpoints."""
-        ours = _merged(_DEFAULTS, {"mode": self._mode, **more})
+        ours = _merged(_DEFAULTS, {"mode": self._mode})
         asked = {"listen": {"endpoints": _endpoints(listen)}, "connect": {"endpoints": _endpoints(connect)}}
         try:
             return zenoh.Config.from_json5(json.dumps(_merged(_merged(ours, self._given), asked)))
@@ -108,8 +108,8 @@ def _reason(error: zenoh.ZError) -> str:
     return (inner.group(1) if inner else text).strip(" .!").lower()
 
 
-def _open(settings: _Settings, listen: Sequence[str], connect: Sequence[str], **more: Any) -> zenoh.Session:
-    config = settings.config(listen, connect, **more)
+def _open(settings: _Settings, listen: Sequence[str], connect: Sequence[str]) -> zenoh.Session:
+    config = settings.config(listen, connect)
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
@@ -130,13 +130,8 @@ def free_endpoint() -> str:
     return f"tcp/127.0.0.1:{free_port()}"
 
 
-COMMAND_RATE = 20.0
-"""Queries that a cell lets in for each command [1/s]. Zenoh ends the others, unanswered, before they cost the interpreter anything,
-which the step loop shares: a flood of one command disturbs neither the loop nor the other commands."""
-
-
 def open_cell_session(
-    listen: Sequence[str] = (), connect: Sequence[str] = (), config: Path | None = None, commands: Sequence[str] = ()
+    listen: Sequence[str] = (), connect: Sequence[str] = (), config: Path | None = None
 ) -> tuple[zenoh.Session, tuple[str, ...]]:
     """Open the session of a cell: a peer that listens.
 
@@ -145,7 +140,6 @@ def open_cell_session(
             free port of this machine where that is taken.
         connect: endpoints to connect to as well; those that are not there yet are tried again and again.
         config: a Zenoh configuration file.
-        commands: key expressions whose queries are let in at COMMAND_RATE each, unless the file has `downsampling` of its own.
 
     Returns:
         the session, and the endpoints it listens on.
@@ -156,9 +150,7 @@ def open_cell_session(
     settings = _Settings("peer", config)
     listen = listen or settings.endpoints("listen")
     connect = connect or settings.endpoints("connect")
-    rules = [{"key_expr": key, "freq": COMMAND_RATE} for key in commands]
-    downsampling = [{"id": "commands", "flows": ["ingress"], "messages": ["query"], "rules": rules}] if rules else []
-    opened = partial(_open, settings, connect=connect, downsampling=downsampling)
+    opened = partial(_open, settings, connect=connect)
     if listen:
         return opened(listen), tuple(listen)
     try:

@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,7 +18,6 @@ from integration.waiting import DEADLINE, free_endpoint, wait_until
 from numpy.typing import NDArray
 
 from deltaph.telemetry import CommandClient, Message, MessageName, Reply, Subscriber, layout
-from deltaph.telemetry.session import COMMAND_RATE
 
 DELTAPH = Path(sys.executable).with_name("deltaph")
 CELL = "serving-cell"
@@ -148,11 +146,3 @@ def ask(opened: zenoh.Session, key: str, payload: bytes | None, timeout: float =
     opened.get(key, handler, payload=payload, timeout=timeout)
     assert complete.wait(timeout + 5.0)
     return collected
-
-
-def answers_to(opened: zenoh.Session, command: str, payload: bytes | None) -> list[zenoh.Reply]:
-    """All replies to a command; one that is ended because it came too soon after another is sent again."""
-    deadline = time.monotonic() + DEADLINE
-    while not (answers := ask(opened, f"deltaph/{CELL}/command/{command}", payload)) and time.monotonic() < deadline:
-        time.sleep(0.5 / COMMAND_RATE)
-    return answers
