@@ -345,7 +345,8 @@ def _parse(command: Command, payload: bytes) -> NoRequest | FeedRequest | PpoReq
     try:
         return REQUESTS[command].model_validate_json(payload or b"{}")
     except ValidationError as error:
-        errors = error.errors(include_url=False, include_context=False)
+        found = error.errors(include_url=False, include_context=False)
+        errors = sorted(found, key=lambda one: one["type"] != "extra_forbidden")  # what is misspelt is missing as well
         more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
         return _say(command, errors[0]) + more
 

@@ -8,6 +8,7 @@ from importlib.metadata import distribution
 
 from markdown_it import MarkdownIt
 
+from deltaph.errors import EnvironmentProblem
 from deltaph.fmu.c_table import variable_range
 from deltaph.sources import FMU_SRC
 from deltaph.variables import Model, Variable, VariableTable, variable_table
@@ -59,7 +60,13 @@ def index_html(model: Model) -> bytes:
 
 
 def licenses() -> dict[str, bytes]:
-    """Path in the FMU -> licence: it lies beside the sources in a checkout, and in the metadata of an installed package."""
+    """Path in the FMU -> licence: it lies beside the sources in a checkout, and in the metadata of an installed package.
+
+    Raises:
+        EnvironmentProblem: it is not there.
+    """
     file = FMU_SRC.parent / "LICENSE"
     text = file.read_text(encoding="utf-8") if file.is_file() else distribution("deltaph").read_text("licenses/LICENSE")
-    return {"documentation/licenses/license.txt": text.encode()} if text else {}
+    if not text:
+        raise EnvironmentProblem("the licence of deltaph is not where it was installed: install it again")
+    return {"documentation/licenses/license.txt": text.encode()}

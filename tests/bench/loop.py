@@ -13,7 +13,6 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from integration.allocations import counting
-from integration.waiting import free_endpoint
 
 from deltaph.execution import Trace, percentiles
 from deltaph.fmu import cached_fmus
@@ -23,6 +22,7 @@ from deltaph.pacing import Undisturbed
 from deltaph.scenario import load_scenario
 from deltaph.schedule import schedule
 from deltaph.telemetry import Publisher, SinkProcess
+from deltaph.telemetry.session import free_endpoint
 
 ROOT = Path(__file__).parents[2]
 

@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 import zenoh
-from integration.waiting import DEADLINE, free_endpoint, wait_until
+from integration.waiting import DEADLINE, wait_until
 from numpy.typing import NDArray
 
 from deltaph.telemetry import CommandClient, Message, MessageName, Reply, Subscriber, layout
+from deltaph.telemetry.session import free_endpoint
 
 DELTAPH = Path(sys.executable).with_name("deltaph")
 CELL = "serving-cell"

@@ -10,12 +10,13 @@ from typing import NamedTuple
 
 import pytest
 from integration.read_back import Recording, assert_same_rows
-from integration.waiting import DEADLINE, free_endpoint, free_port, wait_until
+from integration.waiting import DEADLINE, wait_until
 from rerun.experimental import ViewerClient
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.telemetry.destination import RunningViewer
 from deltaph.telemetry.footer import repair
+from deltaph.telemetry.session import free_endpoint, free_port
 from deltaph.telemetry.viewer import StartedViewer, rerun_binary, start_viewer
 
 PAPER = Path(__file__).parents[2] / "scenarios" / "paper.toml"

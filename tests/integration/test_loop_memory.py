@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from integration.allocations import counting
-from integration.waiting import free_endpoint
 
 from deltaph.fmu import cached_fmus
 from deltaph.frame import Frame, Frames
@@ -18,6 +17,7 @@ from deltaph.pacing import Undisturbed
 from deltaph.scenario import load_scenario
 from deltaph.schedule import schedule
 from deltaph.telemetry import Publisher, SinkProcess
+from deltaph.telemetry.session import free_endpoint
 
 PAPER = load_scenario(Path(__file__).parents[2] / "scenarios" / "paper.toml")
 RUN = schedule(PAPER, cycles=4)

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 import zenoh
 from integration.test_cli import DELTAPH, PAPER
-from integration.waiting import DEADLINE, free_endpoint, wait_until
+from integration.waiting import DEADLINE, wait_until
 
 from deltaph.telemetry import layout, open_router_session
-from deltaph.telemetry.session import collected
+from deltaph.telemetry.session import collected, free_endpoint
 
 NAMES = ("north", "south", "west")
 

@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 import zenoh
 from integration.test_cli import DELTAPH, PAPER
-from integration.waiting import DEADLINE, free_endpoint, wait_until
+from integration.waiting import DEADLINE, wait_until
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.telemetry import Publisher, Subscriber
-from deltaph.telemetry.session import CONFIGURATIONS, open_client_session, replies
+from deltaph.telemetry.session import CONFIGURATIONS, free_endpoint, open_client_session, replies
 
 CELL = "safe-cell"
 COMMAND = f"deltaph/{CELL}/command/trigger"

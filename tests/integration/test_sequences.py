@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from integration.read_back import Recording, last_blueprint
 from integration.test_cli import DELTAPH, assert_refused, deltaph, table
-from integration.test_following import free_port, process, rerun_binary
+from integration.test_following import process, rerun_binary
 
 from deltaph.errors import DeltaphError
 from deltaph.execution import Trace, evaluate
@@ -22,6 +22,7 @@ from deltaph.outputs import pass_columns
 from deltaph.plan import Plan
 from deltaph.scenario import Scenario, load_scenario, parse_scenario
 from deltaph.schedule import Schedule, schedule
+from deltaph.telemetry.session import free_endpoint
 from deltaph.variables import variable_table
 from deltaph.verdict import summary_markdown
 
@@ -380,7 +381,7 @@ def test_what_is_wrong_with_a_part_is_said_by_its_number(tmp_path: Path, old: st
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     folder = tmp_path_factory.mktemp("recorded")
     run, followed, report = folder / "run.rrd", folder / "followed.rrd", folder / "run.json"
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    endpoint = free_endpoint()
     with process(DELTAPH, "record", "--connect", endpoint, "-o", followed) as recorder:
         options = ("--cycles", 2, "--realtime", "--listen", endpoint, "--wait-subscribers", 1, "--record", run, "--json", report)
         done = deltaph("run", STACK, *options, cwd=folder)

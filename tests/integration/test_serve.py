@@ -23,7 +23,7 @@ from integration.serving_cell import (
     serving,
     session,
 )
-from integration.waiting import DEADLINE, free_endpoint, wait_until
+from integration.waiting import DEADLINE, wait_until
 
 from deltaph.errors import EnvironmentProblem, InfeasibleError
 from deltaph.execution import nearest_point
@@ -47,6 +47,7 @@ from deltaph.telemetry import (
 )
 from deltaph.telemetry.commands import MAX_REQUEST, REQUESTS
 from deltaph.telemetry.events import sentence
+from deltaph.telemetry.session import free_endpoint
 from deltaph.variables import variable_table
 
 PAPER = template()
@@ -414,6 +415,7 @@ MALFORMED = [
     ("ppo", b'{"place": [0, 0, true]}', "place.2 is True"),
     ("ppo", b'{"place": [0, 0, -0.8], "lift": -0.1}', "lift is -0.1: input should be greater than or equal to 0"),
     ("ppo", b'{"place": [0, 0, -0.8], "speed": 3}', "unknown key 'speed': known are place, pick, lift"),
+    ("ppo", b'{"plaice": [0, 0, -0.8]}', "unknown key 'plaice': known are place, pick, lift"),
     ("ppo", b'{"place": ' + b"[" * 2000 + b"]" * 2000 + b"}", "the request is not JSON: recursion limit exceeded"),
     ("ppo", b" " * (MAX_REQUEST + 1), f"the request has {MAX_REQUEST + 1} bytes: at most {MAX_REQUEST}"),
     ("feed", b"{}", "key value is missing"),

@@ -8,12 +8,13 @@ import pytest
 from integration.read_back import Recording
 from integration.serving_cell import CELL, DELTAPH, following, serving
 from integration.test_following import process
-from integration.waiting import DEADLINE, free_endpoint
+from integration.waiting import DEADLINE
 
 from deltaph.compare import compare
 from deltaph.errors import EnvironmentProblem
 from deltaph.scenario import template
 from deltaph.telemetry import PpoRequest
+from deltaph.telemetry.session import free_endpoint
 from deltaph.telemetry.viewer import rerun_binary
 
 PLACES = ((0.1, 0.1, -0.8), (-0.15, 0.05, -0.8))

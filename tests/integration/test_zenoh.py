@@ -19,14 +19,14 @@ import numpy as np
 import pytest
 import zenoh
 from integration.synthetic_cell import frames, replaced, values_of
-from integration.waiting import DEADLINE, free_endpoint, wait_until
+from integration.waiting import DEADLINE, wait_until
 from zenoh import ext
 
 from deltaph.errors import EnvironmentProblem
 from deltaph.frame import Frame, Sink
 from deltaph.telemetry import DEFAULT_ENDPOINT, EVENT_KINDS, Message, Publisher, SinkProcess, Subscriber, layout, schema_document
 from deltaph.telemetry.publisher import HISTORY
-from deltaph.telemetry.session import open_client_session, replies
+from deltaph.telemetry.session import free_endpoint, open_client_session, replies
 from deltaph.telemetry.subscriber import _QUIET
 
 CELL = "test-cell"

@@ -1,8 +1,7 @@
-"""Waiting for what other threads and processes do, and endpoints where nobody listens yet."""
+"""Waiting for what other threads and processes do."""
 
 from __future__ import annotations
 
-import socket
 import subprocess
 import time
 from collections.abc import Callable
@@ -10,18 +9,6 @@ from typing import Any
 
 DEADLINE = 60.0
 """Of what takes a moment on a machine that is free [s]."""
-
-
-def free_port() -> int:
-    """A port of the loopback interface that nobody has."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-def free_endpoint() -> str:
-    """The same as Zenoh writes it."""
-    return f"tcp/127.0.0.1:{free_port()}"
 
 
 def wait_until(condition: Callable[[], object], process: subprocess.Popen[Any] | None = None) -> None:
