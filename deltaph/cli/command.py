@@ -144,7 +144,7 @@ def stop(connect: ConnectOption = None, cell: CellOption = "cell1", zenoh_config
 
 @app.command("feed")
 def feed(
-    value: Annotated[float, typer.Argument(metavar="VALUE", help="0 to 1; 1 as planned", min=0.0, max=1.0)],
+    value: Annotated[float, typer.Argument(metavar="VALUE", help="0 to 1; 1 as planned")],
     connect: ConnectOption = None,
     cell: CellOption = "cell1",
     zenoh_config: ZenohConfigOption = None,
@@ -153,4 +153,6 @@ def feed(
 
     Example: deltaph command feed 0.5
     """
+    if not 0.0 <= value <= 1.0:
+        raise DeltaphError(f"VALUE is {value:g}: give a feed from 0, which stops on the path, to 1, which is as planned")
     _send(lambda client: client.feed(value), connect, cell, zenoh_config)

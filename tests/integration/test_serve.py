@@ -662,8 +662,8 @@ def test_command_line(shared: Serving, tmp_path: Path) -> None:
         (3, "deltaph: infeasible: corner deviation 6 mm does not fit lift height 3 mm", ("ppo", "--place", place, "--lift", "3")),
         (2, "--place is '1,2': give 3 lengths in mm", ("ppo", "--place", "1,2")),
         (2, "--lift is '1,2,x': give 1 or 2 lengths in mm", ("ppo", "--place", "1,2,3", "--lift", "1,2,x")),
-        (2, "less than or equal to 1", ("feed", "2")),
-        (2, "less than or equal to 1", ("feed", "nan")),
+        (2, "VALUE is 2: give a feed from 0", ("feed", "2")),
+        (2, "VALUE is nan: give a feed from 0", ("feed", "nan")),
     ):
         result = deltaph("command", *arguments, *where, cwd=tmp_path)
         assert (result.returncode, len(result.stderr.splitlines())) == (code, 1), result.stderr
