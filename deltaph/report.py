@@ -385,10 +385,19 @@ def print_serving(console: Console, scenario: Scenario, facts: Mapping[str, Any]
     """The summary of a cell that served."""
     console.print(scenario.title, style="bold", markup=False, soft_wrap=True)
     table = Table.grid(padding=(0, 2))
-    plans, timing, executed = facts["plans"], facts["timing"], facts["executed"]
     table.add_row("steps", f"{facts['steps']}, {facts['steps'] * facts['communication_step_s']:.3f} s")
     told = [f"{command} {_outcomes(outcomes)}" for command, outcomes in facts["commands"].items() if outcomes]
     table.add_row("commands", "; ".join(told) or "none")
+    if facts["plans"] is None:
+        table.add_row("plans, corners, lateness", "not known: the tally is lost")
+    else:
+        _add_tally(table, facts)
+    console.print(table)
+
+
+def _add_tally(table: Table, facts: Mapping[str, Any]) -> None:
+    """What the tally of a cell that served has counted."""
+    plans, timing, executed = facts["plans"], facts["timing"], facts["executed"]
     table.add_row("plans", plans_text(plans))
     table.add_row("corners kept in the machine", f"{plans['corners_kept']} of {plans['corners']}")
     if plans["worst"]:
@@ -399,7 +408,6 @@ def print_serving(console: Console, scenario: Scenario, facts: Mapping[str, Any]
     table.add_row("step of both FMUs", f"{within(timing['step_histogram_us'], 0.99)}, largest {timing['step_max_us']:.0f} us")
     table.add_row("lateness", f"{within(timing['lateness_histogram_us'], 0.99)}, largest {timing['lateness_max_us']:.0f} us")
     table.add_row("missed deadlines", _missed_text(timing))
-    console.print(table)
 
 
 def trip_text(executed: Mapping[str, Any]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Generator, Iterator, Sequence
-from contextlib import ExitStack, closing
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from operator import attrgetter, methodcaller
@@ -25,6 +25,7 @@ from deltaph.recorder import finish, open_recorder, record_summary
 from deltaph.report import executed_facts, operation_facts, plan_facts, print_run, sequence_facts, timing_facts
 from deltaph.scenario import Scenario, load_scenario
 from deltaph.schedule import Schedule, schedule
+from deltaph.sinks import Sinks
 from deltaph.telemetry import CellKeys, Publisher, SinkProcess
 from deltaph.verdict import provenance_facts
 
@@ -72,11 +73,13 @@ class Result:
         frames: all of them.
         facts: the JSON report.
         ok: every expectation is met, and the plant tripped only if it was expected to.
+        errors: what sinks failed at.
     """
 
     frames: Sequence[Frame]
     facts: dict[str, Any]
     ok: bool
+    errors: tuple[DeltaphError, ...]
 
 
 def run_scenario(path: Path, options: Options, console: Console, log: Console) -> Result:
@@ -89,31 +92,28 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
         log: for progress and remarks.
 
     Raises:
-        DeltaphError: the scenario, the plan or the machine do not allow it; nothing is left half-written.
+        DeltaphError: the scenario, the plan or the machine do not allow it; nothing is left half-written. What a sink fails at
+            while the cell runs is in the result.
     """
     scenario = load_cell(path, options)
     run = schedule(scenario, options.cycles)
     run.require_within(scenario.limits)
     with log.status("building the FMUs"):
         fmus = cached_fmus()
-    with ExitStack() as stack:
+    with Sinks(log, scenario.communication_step_ms, lambda _: "the run goes on without it") as sinks:
         # opened first, closed last: the cell does not stay while its recording is finished
-        recorder = recording(options.record, scenario, log, stack, serves=False) if options.record else None
-        publisher = stack.enter_context(_publishing(scenario, options)) if options.telemetry else None
-        sinks = [sink for sink in (publisher, recorder) if sink is not None]
-        await_sinks(sinks, log)
+        recorder = recording(options.record, scenario, log, sinks, serves=False) if options.record else None
+        publisher = sinks.add(_publishing(scenario, options)) if options.telemetry else None
+        sinks.await_open()
         if publisher is not None:
             await_subscribers(publisher, scenario, options, log)
 
         frames = Frames(run.steps + 1)
-        stepping = cosimulate(
-            scenario, run, fmus, realtime=options.realtime, dropped=lambda: sum(sink.dropped for sink in sinks), frames=frames
-        )
+        stepping = cosimulate(scenario, run, fmus, realtime=options.realtime, dropped=lambda: sinks.dropped, frames=frames)
         # where it is interrupted, what it asks of the system is undone before the sinks are finished
-        stack.enter_context(closing(stepping))
-        for frame in stack.enter_context(closing(_with_progress(stepping, run, log))):
-            for sink in sinks:
-                sink.take(frame)
+        with closing(stepping), closing(_with_progress(stepping, run, log)) as shown:
+            for frame in shown:
+                sinks.take(frame)
 
         trace = Trace(frames)
         execution = evaluate(trace, run)
@@ -129,10 +129,7 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
             "operations": operation_facts(run, execution),
             "executed": executed_facts(execution),
             "timing": timing_facts(trace, options.realtime),
-            "telemetry": {
-                "published": publisher.ask(attrgetter("published")) if publisher is not None else 0,
-                "dropped": publisher.dropped if publisher is not None else 0,
-            },
+            "telemetry": telemetry_facts(publisher, sinks),
             "recording": str(options.record) if options.record is not None else None,
             "expect": [check.as_dict() for check in checks],
             "provenance": provenance_facts(scenario),
@@ -142,10 +139,11 @@ def run_scenario(path: Path, options: Options, console: Console, log: Console) -
         if recorder is not None:
             recorder.tell(partial(record_summary, scenario=scenario, facts=facts))
 
+    facts["recording"] = recording_fact(options.record)  # one that failed has gone
     print_run(console, scenario, run, facts, execution, checks)
-    if options.record is not None:
+    if recorder is not None and not recorder.failed:
         log.print(f"recorded {options.record}: open it with `deltaph view {options.record}`", style="dim", soft_wrap=True)
-    return Result(frames, facts, all(check.ok for check in checks))
+    return Result(frames, facts, all(check.ok for check in checks), sinks.errors)
 
 
 def load_cell(path: Path, options: Options) -> Scenario:
@@ -168,15 +166,17 @@ def _publishing(scenario: Scenario, options: Options) -> SinkProcess[Publisher]:
     return SinkProcess("publisher", partial(Publisher, scenario.cell, scenario.json, **options.session), QUEUE_FRAMES)
 
 
-def await_sinks(sinks: Sequence[SinkProcess[Any]], log: Console) -> None:
-    """Wait until all are open, and their processes take no time away from the step loop.
+def telemetry_facts(publisher: SinkProcess[Any] | None, sinks: Sinks) -> dict[str, int]:
+    """The `telemetry` object of the JSON reports, once the publisher has published all that it got."""
+    if publisher is None:
+        return {"published": 0, "dropped": 0}
+    sinks.attempt(partial(publisher.ask, bool))
+    return {"published": publisher.taken, "dropped": publisher.dropped}
 
-    Raises:
-        DeltaphError: one cannot be opened.
-    """
-    with log.status("opening the outputs"):
-        for sink in sinks:
-            sink.await_open()
+
+def recording_fact(path: Path | None) -> str | None:
+    """The `recording` of the JSON reports: the file, where there is one."""
+    return str(path) if path is not None and path.exists() else None
 
 
 def await_subscribers(publisher: SinkProcess[Any], scenario: Scenario, options: Options, log: Console) -> None:
@@ -192,11 +192,10 @@ def await_subscribers(publisher: SinkProcess[Any], scenario: Scenario, options: 
             publisher.ask(methodcaller("wait_for_subscribers", options.wait_subscribers, SUBSCRIBER_TIMEOUT))
 
 
-def recording(path: Path, scenario: Scenario, log: Console, stack: ExitStack, *, serves: bool) -> SinkProcess[Recorder]:
-    """The recorder of a cell; `stack` closes it."""
+def recording(path: Path, scenario: Scenario, log: Console, sinks: Sinks, *, serves: bool) -> SinkProcess[Recorder]:
+    """The recorder of a cell."""
     sink = SinkProcess("recorder", partial(open_recorder, path, scenario, serves=serves), QUEUE_FRAMES, SLOW_POLL)
-    stack.callback(finish, sink, log)
-    return sink
+    return sinks.add(sink, partial(finish, sink, log))
 
 
 def _with_progress(frames: Iterator[Frame], run: Schedule, log: Console) -> Generator[Frame, None, None]:

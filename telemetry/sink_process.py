@@ -44,10 +44,11 @@ class SinkProcess(Generic[S]):
 
     def __init__(self, name: str, open_sink: Callable[[], S], capacity: int, poll: float = POLL) -> None:
         self._ring = FrameRing(capacity)
-        self._lost = CONTEXT.RawValue("q")  # written over there
+        self._taken, self._lost = (CONTEXT.RawValue("q") for _ in range(2))  # written over there
+        self._death: EnvironmentProblem | None = None
         self._refused = self._put = 0
         self._line, theirs = CONTEXT.Pipe()
-        arguments = open_sink, self._ring, self._lost, theirs, poll
+        arguments = open_sink, self._ring, self._taken, self._lost, theirs, poll
         self._process = CONTEXT.Process(target=_work, args=arguments, name=name, daemon=True)
         with _signals_for_this_process():
             self._process.start()
@@ -63,8 +64,26 @@ class SinkProcess(Generic[S]):
 
     @property
     def dropped(self) -> int:
-        """Frames that the sink did not get: there was no room, or it had failed."""
+        """Frames that the sink did not get: there was no room, it had failed, or its process has died and it is known."""
+        if self._death is not None:
+            return self._refused + self._put - self.taken
         return self._refused + int(self._lost.value)
+
+    @property
+    def taken(self) -> int:
+        """Frames that the sink has taken so far."""
+        return int(self._taken.value)
+
+    @property
+    def failed(self) -> bool:
+        """Something that was asked, or to close it, has raised."""
+        return self._failed
+
+    def death(self) -> EnvironmentProblem | None:
+        """What is to be said of a process that has died; None while it lives, or was closed. To look is a system call."""
+        if self._death is None and not self._closed and self._process.exitcode is not None:
+            self._die()
+        return self._death
 
     def await_open(self) -> None:
         """Wait until the sink is open.
@@ -138,7 +157,13 @@ class SinkProcess(Generic[S]):
     def _died(self) -> EnvironmentProblem:
         self._failed = True
         self._process.join(_PATIENCE)
-        return EnvironmentProblem(f"the process of the {self._process.name} has died, exit code {self._process.exitcode}")
+        return self._die()
+
+    def _die(self) -> EnvironmentProblem:
+        if self._death is None:
+            code = self._process.exitcode
+            self._death = EnvironmentProblem(f"the process of the {self._process.name} has died, exit code {code}")
+        return self._death
 
 
 @contextlib.contextmanager
@@ -154,22 +179,23 @@ def _signals_for_this_process() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _work(open_sink: Callable[[], Sink], ring: FrameRing, lost: Any, line: Connection, poll: float) -> None:
+def _work(open_sink: Callable[[], Sink], ring: FrameRing, taken: Any, lost: Any, line: Connection, poll: float) -> None:
     """What the process does."""
     if hasattr(os, "nice"):
         os.nice(NICENESS)
-    _Worker(open_sink, ring, lost, line).work(poll)
+    _Worker(open_sink, ring, taken, lost, line).work(poll)
 
 
 class _Worker:
     """The other side of a `SinkProcess`; what is raised and no DeltaphError ends the process."""
 
-    def __init__(self, open_sink: Callable[[], Sink], ring: FrameRing, lost: Any, line: Connection) -> None:
+    def __init__(self, open_sink: Callable[[], Sink], ring: FrameRing, taken: Any, lost: Any, line: Connection) -> None:
         self._ring = ring
+        self._taken = taken
         self._lost = lost
         self._line = line
         self._told: deque[tuple[int, Callable[[Sink], object] | None, bool]] = deque()
-        self._taken = 0
+        self._passed = 0  # frames out of the ring, taken or lost
         self._sink: Sink | None = None
         self._error: DeltaphError | None = None
         try:
@@ -202,17 +228,19 @@ class _Worker:
         return True
 
     def _take(self, frame: Frame) -> None:
-        self._taken += 1
+        self._passed += 1
         if self._sink is not None and self._error is None:
             try:
                 self._sink.take(frame)
             except DeltaphError as error:
                 self._error = error
-        if self._error is not None:
+        if self._error is None:
+            self._taken.value += 1
+        else:
             self._lost.value += 1
 
     def _do_what_is_due(self) -> None:
-        while self._told and self._told[0][0] <= self._taken:
+        while self._told and self._told[0][0] <= self._passed:
             _, what, wants_answer = self._told.popleft()
             answer = self._close() if what is None else self._do(what, keep=not wants_answer)
             if wants_answer:

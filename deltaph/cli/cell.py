@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -120,22 +122,42 @@ def run(
         zenoh_config=zenoh_config,
         cell=cell,
     )
+    log = Console(stderr=True)
     if serve:
         from deltaph.serve import serve_scenario
 
-        facts = serve_scenario(scenario, options, tables(json_file), Console(stderr=True))
-        write_json(json_file, facts)
+        facts, errors = serve_scenario(scenario, options, tables(json_file), log)
+        with _raised_behind(errors, log):
+            write_json(json_file, facts)
         if facts["executed"]["trip_time_s"] is not None:
             raise typer.Exit(1)
         return
-    result = run_scenario(scenario, options, tables(csv, json_file), Console(stderr=True))
-    if csv is not None:
-        from deltaph.outputs import frame_columns, write_csv
+    result = run_scenario(scenario, options, tables(csv, json_file), log)
+    with _raised_behind(result.errors, log):
+        if csv is not None:
+            from deltaph.outputs import frame_columns, write_csv
 
-        write_text(csv, lambda stream: write_csv(stream, frame_columns(result.frames)))
-    write_json(json_file, result.facts)
+            write_text(csv, lambda stream: write_csv(stream, frame_columns(result.frames)))
+        write_json(json_file, result.facts)
     if not result.ok:
         raise typer.Exit(1)
+
+
+@contextmanager
+def _raised_behind(errors: Sequence[DeltaphError], log: Console) -> Iterator[None]:
+    """Write the outputs; then the first of the errors of sinks is raised, the others are said.
+
+    Where an output cannot be written, that is raised, and all of them are said.
+    """
+    from deltaph.sinks import say
+
+    unsaid = list(errors)
+    try:
+        yield
+        if unsaid:
+            raise unsaid.pop(0)
+    finally:
+        say(unsaid, log)
 
 
 def _undisturbed(priority: int | None, cpu: int | None) -> Undisturbed:

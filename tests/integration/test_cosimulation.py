@@ -2,8 +2,8 @@
 
 import gc
 import itertools
-from contextlib import ExitStack
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -23,6 +23,8 @@ from deltaph.report import timing_facts
 from deltaph.run import Options, run_scenario
 from deltaph.scenario import Scenario, load_scenario, parse_scenario, template
 from deltaph.schedule import Schedule, schedule
+from deltaph.sinks import Sinks
+from deltaph.telemetry import SinkProcess
 
 SCENARIOS = sorted((Path(__file__).parents[2] / "scenarios").glob("*.toml"))
 
@@ -134,9 +136,14 @@ def test_an_interrupted_loop_gives_back_what_it_has_of_the_system_before_its_sin
             if frame.step == 5:
                 raise KeyboardInterrupt
 
-    def recording(_path: Path, _scenario: Scenario, _log: Console, stack: ExitStack, **_: bool) -> Interrupted:
-        stack.callback(lambda: collected.append(gc.isenabled()))
-        return Interrupted()
+        def death(self) -> None:
+            pass
+
+        def close(self) -> None:
+            collected.append(gc.isenabled())
+
+    def recording(_path: Path, _scenario: Scenario, _log: Console, sinks: Sinks, **_: bool) -> SinkProcess[Any]:
+        return sinks.add(cast(SinkProcess[Any], Interrupted()))
 
     monkeypatch.setattr("deltaph.run.recording", recording)
     options = Options(record=tmp_path / "paper.rrd", realtime=Undisturbed(), telemetry=False)

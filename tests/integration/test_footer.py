@@ -1,6 +1,5 @@
 """The footer of a recording: appended at the end, or in a copy where the recorder was killed."""
 
-import contextlib
 import os
 import resource
 import signal
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rerun as rr
-from integration.waiting import wait_until
+from integration.waiting import sink_processes, wait_until
 from rerun.chunk import RrdReader
 
 from deltaph.errors import EnvironmentProblem
@@ -81,18 +80,7 @@ def test_recording_stays_whole_where_there_is_no_room_for_the_footer(without: Pa
 
 def recorder_of(run: subprocess.Popen[Any]) -> int:
     """The process in which a run without telemetry records."""
-    found: list[int] = []
-
-    def started() -> list[int]:
-        for process in Path("/proc").glob("[0-9]*"):
-            with contextlib.suppress(OSError):  # it ended meanwhile
-                parent = int((process / "stat").read_text(encoding="utf-8").rpartition(")")[2].split()[1])
-                if parent == run.pid and b"spawn_main" in (process / "cmdline").read_bytes():
-                    found.append(int(process.name))
-        return found
-
-    wait_until(started, run)
-    return found[0]
+    return sink_processes(run, 1)[0]
 
 
 def recorded(path: Path, room: int | None = None) -> subprocess.CompletedProcess[str]:

@@ -21,7 +21,7 @@ ORDER = [
     {"checks"},
     {"report", "scene"},
     {"verdict"},
-    {"tally", "recorder"},
+    {"tally", "recorder", "sinks"},
     {"attendant"},
     {"desk"},
     {"run", "record", "bench", "claims", "compare", "export", "soak_peer"},
@@ -30,7 +30,7 @@ ORDER = [
     {"cli"},
     {"__main__"},
 ]
-KNOW_TELEMETRY = {"scene", "recorder", "attendant", "desk", "run", "record", "compare", "export", "paper", "serve"}
+KNOW_TELEMETRY = {"scene", "recorder", "sinks", "attendant", "desk", "run", "record", "compare", "export", "paper", "serve"}
 KNOW_TELEMETRY |= {"soak_peer", "soak", "view", "cli"}
 TELEMETRY_SEES = {"errors", "frame", "variables"}
 

@@ -117,6 +117,49 @@ def test_a_process_that_was_killed_is_told() -> None:
             sink.take(frame)
 
 
+def test_frames_of_a_process_that_has_died_are_dropped_once_it_is_known(tmp_path: Path) -> None:
+    sink = SinkProcess("sink", partial(Gate, tmp_path), 100)
+    (tmp_path / "open").touch()
+    for frame in FRAMES[:10]:
+        sink.take(frame)
+    pid = sink.ask(Steps.pid)
+    assert sink.death() is None
+    assert (sink.taken, sink.dropped) == (10, 0)
+    (tmp_path / "waiting").unlink()
+    (tmp_path / "open").unlink()
+    for frame in FRAMES[10:30]:
+        sink.take(frame)
+    wait_until((tmp_path / "waiting").exists)  # one is at work, and has not been taken
+    os.kill(pid, signal.SIGKILL)
+    wait_until(sink.death)
+    assert "the process of the sink has died, exit code -9" in str(sink.death())
+    assert (sink.taken, sink.dropped) == (10, 20)
+    for frame in FRAMES[30:]:
+        sink.take(frame)
+    assert sink.dropped == 40
+    with pytest.raises(EnvironmentProblem, match="the process of the sink has died, exit code -9"):
+        sink.close()
+    assert sink.dropped == 40
+
+
+def test_frames_are_counted_where_a_question_finds_the_process_dead() -> None:
+    with sink_process(Steps) as sink:
+        os.kill(sink.ask(Steps.pid), signal.SIGKILL)
+        for frame in FRAMES:
+            sink.take(frame)
+        with pytest.raises(EnvironmentProblem, match="has died"):
+            sink.ask(Steps.steps)
+        assert sink.dropped == len(FRAMES)
+
+
+def test_process_that_was_closed_has_not_died() -> None:
+    with sink_process(Steps) as sink:
+        for frame in FRAMES:
+            sink.take(frame)
+    assert sink.death() is None
+    assert (sink.taken, sink.dropped) == (len(FRAMES), 0)
+
+
 def test_signals_are_for_the_process_that_started_it() -> None:
     with sink_process(Steps) as sink:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
