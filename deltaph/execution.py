@@ -271,7 +271,7 @@ def percentiles(seconds: FloatArray) -> dict[str, float]:
 
 
 def deadline_facts(timing: Mapping[str, float], priority: int) -> dict[str, Any]:
-    """What became of the deadlines: the part of `timing` that is the same in the JSON reports of a run and of a cell that served.
+    """Of deadlines and frames: the part of `timing` that is the same in the JSON reports of a run and of a cell that served.
 
     Args:
         timing: of the last frame, by name as in TIMING.
@@ -283,4 +283,5 @@ def deadline_facts(timing: Mapping[str, float], priority: int) -> dict[str, Any]
         "missed_deadlines": int(timing["missed_deadlines"]),
         "missed_by": {cause: int(timing[f"missed_by_{cause}"]) for cause in CAUSES},
         "slipped_steps": int(timing["slipped_steps"]),
+        "dropped_frames": int(timing["dropped_frames"]),
     }

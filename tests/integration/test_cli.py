@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from integration.waiting import wait_until
+from integration.waiting import size, wait_until
 
 from deltaph.scenario import template
 
@@ -410,7 +410,7 @@ def test_interrupt_leaves_a_readable_recording(tmp_path: Path, number: signal.Si
     ]
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         recording = tmp_path / "paper.rrd"
-        wait_until(lambda: recording.exists() and recording.stat().st_size > 1_000_000, process)  # some seconds of frames
+        wait_until(lambda: size(recording) > 1_000_000, process)  # some seconds of frames
         process.send_signal(number)
         _, errors = process.communicate(timeout=30.0)
     assert process.returncode == 130

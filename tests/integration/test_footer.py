@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rerun as rr
-from integration.waiting import sink_processes, wait_until
+from integration.waiting import sink_processes, size, wait_until
 from rerun.chunk import RrdReader
 
 from deltaph.errors import EnvironmentProblem
@@ -142,7 +142,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("killed") / "run.rrd"
     command = [DELTAPH, "run", PAPER, "--no-telemetry", "--cycles", "1000", "--record", path]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        wait_until(lambda: path.exists() and path.stat().st_size > 1_000_000, process)
+        wait_until(lambda: size(path) > 1_000_000, process)
         os.kill(recorder_of(process), signal.SIGKILL)
         process.kill()
     return path
@@ -153,7 +153,7 @@ def test_recording_of_a_run_that_was_killed_has_its_footer(tmp_path: Path) -> No
     path = tmp_path / "run.rrd"
     command = [DELTAPH, "run", PAPER, "--no-telemetry", "--realtime", "--cycles", "1000", "--record", path]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        wait_until(path.exists, process)
+        wait_until(lambda: size(path) > 0, process)
         process.kill()
     wait_until(lambda: has_footer(path))
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 from integration.serving_cell import Serving, following, serving
-from integration.waiting import DEADLINE, sink_processes, wait_until
+from integration.waiting import DEADLINE, sink_processes, size, wait_until
 
 from deltaph.scenario import template
 from deltaph.telemetry import PpoRequest
@@ -33,7 +33,7 @@ def run_and_lose(directory: Path, which: Sequence[str], *options: str) -> tuple[
     command += ["--record", str(path), "--json", "k.json", "--csv", "k.csv", *options]
     with subprocess.Popen(command, cwd=directory, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
-            wait_until(lambda: path.exists() and path.stat().st_size > 100_000, process)
+            wait_until(lambda: size(path) > 100_000, process)
             for name, pid in zip(("recorder", "publisher"), sink_processes(process, 2), strict=True):
                 if name in which:
                     os.kill(pid, signal.SIGKILL)
@@ -54,6 +54,7 @@ def test_run_without_its_recorder_goes_on_and_reports(tmp_path: Path) -> None:
     ]
     assert "missed deadlines" in done.stdout
     assert report["telemetry"] == {"published": report["steps"] + 1, "dropped": 0}
+    assert report["timing"]["dropped_frames"] > 0
     assert all(check["ok"] for check in report["expect"])
     assert len((tmp_path / "k.csv").read_text(encoding="utf-8").splitlines()) == report["steps"] + 2
 

@@ -27,6 +27,14 @@ def wait_until(condition: Callable[[], object], process: subprocess.Popen[Any] |
         time.sleep(0.002)
 
 
+def size(path: Path) -> int:
+    """Of a file [bytes]; 0 where there is none: whoever looks whether it can be written makes one for a moment."""
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:
+        return 0
+
+
 def sink_processes(run: subprocess.Popen[Any], count: int) -> list[int]:
     """The processes of the sinks of a run, once so many are there, in the order in which it has started them."""
     found: list[tuple[int, int]] = []
