@@ -37,7 +37,7 @@ class Sinks:
     def __init__(self, log: Console, communication_step_ms: int, missed: Callable[[SinkProcess[Any]], str]) -> None:
         self._errors: dict[str, DeltaphError] = {}  # by what they say: a sink that has failed says it whenever it is asked
         self._log = log
-        self._period = max(1, LOOK_PERIOD_MS // communication_step_ms)
+        self._period = self._until_look = max(1, LOOK_PERIOD_MS // communication_step_ms)  # [frames]
         self._missed = missed
         self._sinks: list[SinkProcess[Any]] = []
         self._living: list[SinkProcess[Any]] = []
@@ -81,7 +81,8 @@ class Sinks:
         """Hand a frame to all; once a second also see whether they live."""
         for sink in self._sinks:
             sink.take(frame)
-        if frame.step % self._period == 0:
+        self._until_look -= 1
+        if not self._until_look:
             self._look()
 
     def attempt(self, what: Callable[[], T]) -> T | None:
@@ -93,6 +94,7 @@ class Sinks:
             return None
 
     def _look(self) -> None:
+        self._until_look = self._period
         for sink in tuple(self._living):
             death = sink.death()
             if death is not None:

@@ -34,7 +34,7 @@ def soak(
     """A cell in real time while its consumers stop, die and fail: what that costs the loop, and what is lost.
 
     The paper's case, there and back. Before each case a bare loop, without consumers, runs as long, for comparison. The first
-    case has a subscriber and a recorder and is left alone for --minutes; all others take some five minutes together. The exit
+    case has a subscriber and a recorder and is left alone for --minutes; all others take some three minutes together. The exit
     code is 1 where messages were lost for good, came out of order, service did not resume, or a case could not be run to its
     end; lateness is shown, not judged. Without a real-time priority the loops are late as well where they and the consumers want
     more processors than there are.
